@@ -103,6 +103,7 @@ MEASURED = {
     "mass": {"mass"},
     "time": {"timestep", "delay", "interval"},
 }
+EQUALS_IN_NAME = "where a name contains =, write ?"
 RELATIVE: dict[str, Callable[[np.ndarray, np.ndarray], np.ndarray]] = {"scale": np.multiply, "add": np.add}
 BOOLEANS = {"true": True, "enable": True, "1": True, "false": False, "disable": False, "0": False}
 # Switches that MjSpec stores as integers.
@@ -245,7 +246,10 @@ def indices_at(spec: mujoco.MjSpec, override: Override) -> tuple[list[int], list
         if matches:
             return matches, fields
     if len(parts) == 1:
-        raise UsageError(f"{kind}/{clean(rest)} lacks a field; write {kind}/{clean(rest)}.FIELD=VALUE")
+        error = UsageError(f"{kind}/{clean(rest)} lacks a field; write {kind}/{clean(rest)}.FIELD=VALUE")
+        if "=" in override.value:
+            error.add_note(EQUALS_IN_NAME)
+        raise error
     raise UnknownNameError(kind, parts[0], list(named), plural=ELEMENTS[kind])
 
 

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import UnknownNameError, UsageError, option, quoted
+from mjrun.errors import UnknownNameError, UsageError, clean, option, quoted
 from mjrun.model.names import object_names
 from mjrun.model.table_column import Column
 from mjrun.options.trace import PROBES
@@ -176,7 +176,8 @@ def _objects(model: mujoco.MjModel, episode: EpisodeColumns | None, name: str, p
             patterns = [missing[0]]
     objects = list(dict.fromkeys(object_of(column.name) for column in _whole(model, episode, name).columns))
     joints = joints_of(model, patterns[0], objects)
-    raise UnknownNameError("object", patterns[0], objects, where=f"probe {name}", meant=joints)
+    error = UnknownNameError("object", patterns[0], objects, where=f"probe {name}", meant=joints)
+    raise _with_advice(error, name, patterns[0], objects)
 
 
 def _named(model: mujoco.MjModel, episode: EpisodeColumns | None, group: str, rest: str) -> Probe:
@@ -190,8 +191,17 @@ def _named(model: mujoco.MjModel, episode: EpisodeColumns | None, group: str, re
     if group == PAIRS:
         return pair(rest, model)
     columns = [column.name for column in _whole(model, episode, group).columns]
-    joints = joints_of(model, rest, {object_of(name) for name in columns})
-    raise UnknownNameError("column", f"{group}/{rest}", columns, meant=[f"{group}/{joint}" for joint in joints])
+    objects = dict.fromkeys(object_of(name) for name in columns)
+    joints = joints_of(model, rest, objects)
+    error = UnknownNameError("column", f"{group}/{rest}", columns, meant=[f"{group}/{joint}" for joint in joints])
+    raise _with_advice(error, group, rest, objects)
+
+
+def _with_advice(error: UnknownNameError, group: str, text: str, objects: Iterable[str]) -> UnknownNameError:
+    """Adds how to write the name of an object that contains a comma, if `text` is the part before it."""
+    if meant := next((name for name in objects if name.startswith(f"{text},")), ""):
+        error.add_note(f"commas separate probes: write {clean(group)}[{clean(meant.replace(',', '?'))}]")
+    return error
 
 
 def joints_of(model: mujoco.MjModel, body: str, objects: Container[str]) -> list[str]:

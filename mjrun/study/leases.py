@@ -16,7 +16,7 @@ import random
 import secrets
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from typing import Self
 
@@ -24,7 +24,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, clean
-from mjrun.formats.local_and_remote_folders import Folder
+from mjrun.formats.local_and_remote_folders import Folder, LocalFolder
 from mjrun.platform import system
 from mjrun.study.columnar_results import ResultColumns
 from mjrun.study.part_files import PartFiles
@@ -98,6 +98,26 @@ class LeaseContent:
             raise
         except (FileError, OSError, ValueError, TypeError, KeyError, OverflowError):
             return cls()
+
+
+def running_leases(ranges: RangeFolders) -> Iterator[tuple[Lease, LeaseContent, float]]:
+    """Yields the leases of processes that have not ended, as far as this machine knows, and the age of each [s]."""
+    folder = ranges.folder
+    is_corrected, ahead = not isinstance(folder, LocalFolder), 0.0  # in a store, that would leave a trace
+    for name in ranges.names(SUFFIX):
+        try:
+            lease = Lease.of(name)
+            content, silent = LeaseContent.read(folder, name), folder.age(name)
+        except OSError:  # its owner has released it
+            continue
+        if lease is None or lease.study != ranges.study or lease.is_request:
+            continue
+        if not system.has_ended(content.process):
+            if silent > EXPIRY and not is_corrected:
+                is_corrected = True
+                with suppress(FileError):  # of a folder that can only be read
+                    ahead = folder.seconds_ahead()
+            yield lease, content, max(0.0, silent - ahead)
 
 
 @dataclass(frozen=True)

@@ -23,9 +23,10 @@ from mjrun.errors import (
     concerning,
     flag,
     option,
+    quoted,
 )
 from mjrun.experiment.design import ABSENT, SHORT_PATHS, Design, numbers, simulation_kinds
-from mjrun.model.override import ALTERNATIVES, ORIENTATIONS, Override, apply, paths_of_field
+from mjrun.model.override import ALTERNATIVES, EQUALS_IN_NAME, ORIENTATIONS, Override, apply, paths_of_field
 from mjrun.model.source import ModelSource
 from mjrun.model.sources import demonstration_in, source_of
 from mjrun.options.datasets import CAMERA
@@ -325,6 +326,8 @@ def _change(name: str, text: str, controllers: Controllers) -> tuple[str, Any]:
         return name, controllers[text]
     has_entries = slash and group in BY_NAME
     with concerning("vary", name):
+        if slash and "=" in text:
+            raise UsageError(f"{option('vary')} {clean(name)}: invalid value {quoted(text)}\n{EQUALS_IN_NAME}")
         if not has_entries and name not in WHOLE:
             valid = [*WHOLE, MODEL, CONTROLLER, *(f"{each}/NAME" for each in BY_NAME), "opt.FIELD", "KIND/NAME.FIELD"]
             raise UnknownNameError("parameter", name, valid, where=option("vary"), meant=paths_of_field(name))

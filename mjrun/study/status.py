@@ -6,7 +6,7 @@ Unused files are those that the table does not use, and that no process will nee
 import json
 import re
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
 
@@ -20,7 +20,7 @@ from mjrun.platform import system
 from mjrun.plotting.html_page import MAKER, Page, PageFactTable, write_page
 from mjrun.study.clusters import FOLDER as SLURM
 from mjrun.study.columnar_results import ResultColumns
-from mjrun.study.leases import EXPIRY, SUFFIX, Lease, LeaseContent
+from mjrun.study.leases import EXPIRY, SUFFIX, Lease, LeaseContent, running_leases
 from mjrun.study.part_files import PartFiles
 from mjrun.study.range_folders import RangeFolders
 
@@ -115,7 +115,9 @@ def study_status(folder: str | Path) -> StudyStatus:
     place = folder_at(folder, delays=())
     points, metrics, study = study_facts(place)
     files, known = PartFiles(place, metrics, study, points), ResultColumns(range(points), len(metrics))
-    leases = [*_leases(files)]  # before the parts: a process publishes its results before it releases a lease
+    leases = [
+        *running_leases(files.ranges)
+    ]  # before the parts: a process publishes its results before it releases a lease
     files.update(known, 0, points - 1)
     running, rates, lost = list[RunningRange](), dict[str, float](), dict[str, int]()
     for lease, content, silent in leases:
@@ -160,25 +162,6 @@ def study_facts(folder: Folder) -> tuple[int, list[str], str]:
             return points, [*map(str, metrics)], study
         case _:
             raise FileError(path, "does not describe a running study; continue the study with this version of mjrun")
-
-
-def _leases(files: PartFiles) -> "Iterator[tuple[Lease, LeaseContent, float]]":
-    """Yields the leases of processes that have not ended, as far as this machine knows, and the age of each [s]."""
-    is_corrected, ahead = not isinstance(files.folder, LocalFolder), 0.0  # in a store, that would leave a trace
-    for name in files.ranges.names(SUFFIX):
-        try:
-            lease = Lease.of(name)
-            content, silent = LeaseContent.read(files.folder, name), files.folder.age(name)
-        except OSError:  # its owner has released it
-            continue
-        if lease is None or lease.study != files.ranges.study or lease.is_request:
-            continue
-        if not system.has_ended(content.process):
-            if silent > EXPIRY and not is_corrected:
-                is_corrected = True
-                with suppress(FileError):  # of a folder that can only be read
-                    ahead = files.folder.seconds_ahead()
-            yield lease, content, max(0.0, silent - ahead)
 
 
 def write_status_page(path: str, status: StudyStatus) -> None:

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
 
 import mujoco
 import numpy as np
@@ -28,7 +28,7 @@ from mjrun.experiment.results_table import (
 from mjrun.experiment.samplers import SAMPLES
 from mjrun.experiment.sensitivity import MetricSensitivity
 from mjrun.experiment.statistics import CONFIDENCE
-from mjrun.formats.local_and_remote_folders import folder_at, require_own_folder
+from mjrun.formats.local_and_remote_folders import Folder, folder_at, require_own_folder
 from mjrun.formats.output_writer import OutputWriter, publish_together
 from mjrun.formats.study_reader import read_study
 from mjrun.formats.table_writer import TableWriter
@@ -44,9 +44,11 @@ from mjrun.simulation.simulation import Simulation, require_simulation
 from mjrun.study.columnar_results import STATUSES
 from mjrun.study.executors import INTERVAL, QUEUED, WARP, check_engine, process_count
 from mjrun.study.isolation import IsolatedSimulator
+from mjrun.study.leases import EXPIRY, running_leases
 from mjrun.study.part_files import kept_results_in_errors, part_bytes
 from mjrun.study.point_files import KeptFiles, PointFileMaker
 from mjrun.study.prepared import PreparedStudy
+from mjrun.study.range_folders import RangeFolders
 from mjrun.study.results import (
     REPEAT_FILES,
     PointFailureGroup,
@@ -69,6 +71,9 @@ FOREIGN = (*TABLES, EVALUATION)  # files that a folder without a study must not 
 OPTIONS = ("simulation", "metrics", "every", "engine", "task", "product")  # parts of an identity; the others are read
 QUANTILES = (0, 0.05, 0.25, 0.5, 0.75, 0.95, 1)
 SHOWN = 3  # points at each end of the study
+OTHER_RUN = (
+    "another run uses this folder for a different version of the study: the tables are those of the run that ends last"
+)
 PATIENCE = 60.0  # [s] for the point that is measured
 START = 1.0  # [s] before processes simulate
 
@@ -139,6 +144,8 @@ class Study(StudyOptions, ExecutionOptions):
                     reporter.note(COMPILES)
                 simulated = prepared.simulate(missing, self, reporter).total()
             del missing  # which take memory
+            if simulated and _manifest(prepared.folder).get("digest", prepared.files.study) != prepared.files.study:
+                reporter.warn(OTHER_RUN)
             with kept_results_in_errors(prepared.folder, prepared.noun):
                 if simulated:
                     prepared.files.merge_all()
@@ -193,12 +200,8 @@ class Study(StudyOptions, ExecutionOptions):
         """
         ours = _command_of(schema)
         require_own_folder(prepared.folder, MANIFEST, f"run of `{ours}`", FOREIGN)  # logs and plans may be there
-        try:
-            with prepared.folder.open(MANIFEST) as stream:
-                before = json.loads(stream.read())
-        except (OSError, FileError, ValueError):  # such as a new folder
-            return
-        theirs = _command_of(before.get("schema")) if isinstance(before, dict) else ""
+        before = _manifest(prepared.folder)
+        theirs = _command_of(before.get("schema"))
         if theirs and theirs != ours:
             hint = f"{option('output')} names a folder that is new, or one of `{ours}`"
             raise FileError(self.output, f"contains the results of `{clean(theirs)}`", hint)
@@ -211,6 +214,10 @@ class Study(StudyOptions, ExecutionOptions):
         ]
         if changed:
             reporter.note(f"changed since the last run: {clean(', '.join(dict.fromkeys(changed)))}")
+        digest = str(before.get("digest", ""))
+        leases = running_leases(RangeFolders(prepared.files.folder, digest, 0))
+        if digest != prepared.files.study and any(silent <= EXPIRY for _, _, silent in leases):
+            reporter.warn(OTHER_RUN)
 
     def _tables(self, files: Sequence[str], rows: int) -> Sequence[str]:
         """Returns the files of a table of `rows` rows."""
@@ -292,6 +299,16 @@ class Study(StudyOptions, ExecutionOptions):
 def _command_of(schema: object) -> str:
     """Returns the command whose manifests have a schema: `mjrun sweep` for `mjrun-sweep-1`."""
     return str(schema or "").rpartition("-")[0].replace("-", " ")
+
+
+def _manifest(folder: Folder) -> dict[str, Any]:
+    """Returns the manifest in a folder; empty where none can be read, as in a new folder."""
+    try:
+        with folder.open(MANIFEST) as stream:
+            manifest = json.loads(stream.read())
+    except (OSError, FileError, ValueError):
+        return {}
+    return cast("dict[str, Any]", manifest) if isinstance(manifest, dict) else {}
 
 
 def _changed(before: object, now: Mapping[str, object], part: str) -> list[str]:

@@ -241,3 +241,14 @@ def test_a_unit_that_does_not_fit_is_refused(path: str, value: str, reason: str)
 @cases("path, value, message")
 def test_an_override_that_makes_no_sense_is_refused_with_the_reason(path: str, value: str, message: str) -> None:
     assert message in str(refusal(path, value))
+
+
+def test_a_name_that_contains_an_equals_sign_is_written_with_a_wildcard() -> None:
+    text = '<mujoco><worldbody><geom name="a=b" size="1"/><geom name="ab" size="1"/></worldbody></mujoco>'
+    spec = mujoco.MjSpec.from_string(text)
+    apply(spec, Override("geom/a?b.mass", "3"))
+    assert spec.geom("a=b").mass == 3
+    assert spec.geom("ab").mass != 3
+    with pytest.raises(UsageError, match="geom/a lacks a field") as caught:
+        apply(spec, Override("geom/a", "b.mass=3"))
+    assert caught.value.__notes__ == ["where a name contains =, write ?"]

@@ -107,3 +107,13 @@ def test_groups_divide_the_columns_and_each_is_what_its_name_selects() -> None:
         names = [column.name for column in group.columns]
         assert names == [column.name for column in selected_columns(model, [group.name])]
         assert group.texts("kind") == [kind for kind in dict.fromkeys(c.kind for c in group.columns) if kind]
+
+
+@pytest.mark.parametrize("text", ["qpos/left", "qpos[left]"])
+def test_a_comma_in_a_name_is_written_as_a_wildcard(text: str) -> None:
+    joint = '<body><joint name="left,hip" type="hinge"/><geom size="1"/></body>'
+    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{joint}</worldbody></mujoco>")
+    with pytest.raises(UnknownNameError) as caught:
+        select(model, [text])
+    assert caught.value.__notes__ == ["commas separate probes: write qpos[left?hip]"]
+    assert [column.name for column in selected_columns(model, ["qpos[left?hip]"])] == ["qpos/left,hip"]

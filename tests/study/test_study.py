@@ -75,6 +75,33 @@ def test_what_changed_since_the_last_run_is_noted_without_a_document_too(
         assert [text for text in reporter.texts if "changed" in text] == changed
 
 
+def test_a_value_that_is_the_end_of_a_name_is_explained(simulation: Simulation, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"vary.* ctrl/a: invalid value 'b=1'\nwhere a name contains =, write \?$"):
+        study(simulation, tmp_path, vary={"ctrl/a": "b=1,2"}).run()
+
+
+def test_runs_that_use_a_folder_at_once_for_different_studies_are_warned(
+    simulation: Simulation, tmp_path: Path
+) -> None:
+    class Meeting(RecordingReporter):
+        """Runs the other study as soon as the first has begun its points."""
+
+        other = RecordingReporter()
+
+        def progress(self, what: str, done: int, total: int) -> None:
+            if done == 1:
+                study(simulation, tmp_path, vary={"seed": "1..3:3"}, metric={"low": "max(time)"}).run(self.other)
+
+    meeting = Meeting()
+    study(simulation, tmp_path, vary={"seed": "1..3:3"}, chunk=1).run(meeting)
+    texts = [[text for text in each.texts if text.startswith("another run uses")] for each in (meeting, meeting.other)]
+    assert [len(each) for each in texts] == [1, 1]
+    assert {*pd.read_csv(tmp_path / "results.csv")} >= {"low", "drift"}
+    later = RecordingReporter()
+    study(simulation, tmp_path, vary={"seed": "1..3:3"}, metric={"low": "max(time)"}).run(later)
+    assert later.texts == ["changed since the last run: metrics", "3 of 3 points are known already"]
+
+
 def test_parameters_and_metrics_have_units_in_the_table(simulation: Simulation, tmp_path: Path) -> None:
     vary = {"qpos/ball/z": "1,2", "opt.timestep": "1e-3", "seed": "1"}
     result = study(simulation, tmp_path / "study", vary=vary).run()
