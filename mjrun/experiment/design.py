@@ -459,6 +459,14 @@ def design(options: VariationOptions, model: mujoco.MjModel, seed: int) -> Desig
     return chosen(whole, options.where)
 
 
+def point_bound(options: VariationOptions) -> int:
+    """Returns a number that the points of `options` do not exceed: without a model, only lists of values have one."""
+    listed = [text for path, text in options.vary if not path.startswith(EACH) and "(" not in text and ".." not in text]
+    if not options.vary or len(listed) < len(options.vary) or options.points is not None:
+        return MOST_POINTS
+    return options.repeats * prod(1 + max(text.count(","), text.count(";")) for text in listed)
+
+
 def _expanded(path: str, model: mujoco.MjModel) -> list[str]:
     """Expands `each:KIND/WILDCARD.FIELD` to one path for each matching object; returns any other path unchanged."""
     if not path.startswith(EACH):

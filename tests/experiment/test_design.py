@@ -20,6 +20,7 @@ from mjrun.experiment.design import (
     _sampled,
     design,
     numbers,
+    point_bound,
     texts_at,
     value_list,
 )
@@ -50,6 +51,26 @@ def test_zipped_lists_stand_side_by_side() -> None:
     )
     with pytest.raises(UsageError, match=r"not 2 of a\.x, 3 of a\.y"):
         points(vary={"a.x": "1,2", "a.y": "4,5,6"}, design="zip")
+
+
+@pytest.mark.parametrize(
+    ("options", "is_counted"),
+    [
+        ({"vary": [("seed", "1")]}, True),
+        ({"vary": [("timestep", "1e-3,2e-3"), ("seed", "4;5;6")]}, True),
+        ({"vary": [("timestep", "1e-3,2e-3")], "repeats": 3}, True),
+        ({"vary": [("timestep", "1e-3,2e-3"), ("seed", "4,5")], "design": "zip"}, True),
+        ({"vary": [("timestep", "1e-3,2e-3")], "where": ("timestep > 1.5e-3",)}, True),
+        ({"vary": [("seed", "1..40:40")]}, False),
+        ({"vary": [("timestep", "uniform(1e-3,2e-3)")], "samples": 2}, False),
+        ({"vary": [("each:body/*.mass", "1,2")]}, False),
+        ({}, False),
+    ],
+)
+def test_lists_of_values_bound_the_number_of_points(options: dict[str, Any], is_counted: bool) -> None:
+    bound = point_bound(VariationOptions(**options))
+    assert len(points(**options).points) <= bound
+    assert (bound < 7) == is_counted
 
 
 def test_samples_are_combined_with_lists_and_repeats_with_all() -> None:

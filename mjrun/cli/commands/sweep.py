@@ -39,6 +39,7 @@ from mjrun.options.sweep import (
     KeptFileOptions,
     StudyCommandOptions,
     StudyOptions,
+    VariationOptions,
 )
 from mjrun.platform.cores import available_cores
 from mjrun.suffixes import is_url, is_yaml
@@ -145,9 +146,13 @@ def _start_early(command_line: ParsedCommandLine) -> None:
         from mjrun.child_process import may_fork
         from mjrun.study.point_server import start_early
 
+        count = execution.jobs if isinstance(execution.jobs, int) else available_cores()
         if may_fork():
             import_mujoco()
-        start_early(execution.jobs if isinstance(execution.jobs, int) else available_cores())
+            from mjrun.experiment.design import point_bound
+
+            count = min(count, point_bound(command_line.make(VariationOptions)))
+        start_early(count)
 
 
 def _study(console: Console, command_line: ParsedCommandLine) -> "tuple[Study, Located]":
