@@ -105,9 +105,9 @@ def __getattr__(name: str) -> object:
 
         raise cause_of(error) or error from None
     if "mujoco" in sys.modules:
-        from mjrun.packages import require_computing
+        from mjrun.packages import require_core_versions
 
-        require_computing()
+        require_core_versions()
     from mjrun.python_help import add_options
 
     add_options(name, value)

@@ -26,7 +26,7 @@ MODULES = {  # by package
 }
 PACKAGES = {module: package for package, module in MODULES.items()}
 FIELD = "Requires-Dist: "  # of metadata
-COMPUTING = ("mujoco", "numpy")  # packages whose other versions may fail late, or compute other results
+CORE = ("mujoco", "numpy")  # packages whose other versions may fail late, or compute other results
 
 _REQUIREMENT = r"([\w.-]+)\s*(?:\[[^]]*\])?\s*\(?([^;()]*)\)?\s*(?:;(.*))?"
 _CLAUSE = r"(~=|===?|!=|<=|>=|<|>)\s*([^\s,]+)"
@@ -96,24 +96,24 @@ def require_all(extras: Mapping[str, tuple[Sequence[str], str]]) -> None:
         require(use, extra, *modules)
 
 
-def require_computing() -> None:
+def require_core_versions() -> None:
     """Checks the versions of MuJoCo and NumPy if they are imported, in a fraction of a millisecond.
 
     Raises:
       WrongVersionError: a version is not supported.
     """
-    imported = {package: sys.modules[package] for package in COMPUTING if package in sys.modules}
+    imported = {package: sys.modules[package] for package in CORE if package in sys.modules}
     for error in wrong_versions({package: str(module.__version__) for package, module in imported.items()}):
         raise error
 
 
-def computing_versions() -> dict[str, str]:
+def core_versions() -> dict[str, str]:
     """Returns the versions of MuJoCo and NumPy after checking them, without importing them.
 
     Raises:
       WrongVersionError: a version is not supported.
     """
-    versions = {package: installed_version(package) for package in COMPUTING}
+    versions = {package: installed_version(package) for package in CORE}
     for error in wrong_versions(versions):
         raise error
     return versions

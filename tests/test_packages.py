@@ -11,7 +11,7 @@ from packaging.specifiers import SpecifierSet
 import mjrun
 import mjrun.packages
 from mjrun.errors import MissingExtraError, WrongVersionError
-from mjrun.packages import PackageRequirement, cause_of, require, require_all, require_computing, wrong_versions
+from mjrun.packages import PackageRequirement, cause_of, require, require_all, require_core_versions, wrong_versions
 from tests.packages import hidden, planted, run_with
 
 RELEASES = ["0", "1", "1.0", "1.2", "1.2.0", "1.2.3", "1.10", "2", "2.0.1", "10.1", "1.2.3.4"]
@@ -78,11 +78,11 @@ def test_a_library_is_required_in_a_version_that_works(monkeypatch: pytest.Monke
 
 
 def test_mujoco_and_numpy_are_those_that_are_imported(monkeypatch: pytest.MonkeyPatch) -> None:
-    require_computing()
+    require_core_versions()
     monkeypatch.setattr("mujoco.__version__", "3.11.0")
     needs(monkeypatch, PackageRequirement("mujoco", ">=4", ""), PackageRequirement("numpy", ">=2", ""))
     with pytest.raises(WrongVersionError, match=r"^mjrun needs mujoco>=4, but mujoco 3\.11\.0 is installed"):
-        require_computing()
+        require_core_versions()
 
 
 def test_without_metadata_no_version_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from fractions import Fraction
 from typing import Any
 
 import mujoco
@@ -17,11 +16,12 @@ from mjrun.formats.codecs import encoding
 from mjrun.formats.temporary_output import scratch_folder
 from mjrun.formats.video_writer import VideoWriter
 from mjrun.model.camera_images import CameraImages
-from mjrun.model.compilation import lengthen_buffers, load_confined
+from mjrun.model.compilation import lengthen_buffers, load_respecting_confinement
 from mjrun.model.mujoco_globals import without_timers
 from mjrun.model.override import apply
 from mjrun.model.source import ModelSource
 from mjrun.options.rendering import ViewOptions
+from mjrun.options.video import FPS
 from mjrun.outputs.camera_panels import panel_files
 from mjrun.outputs.frame_drawing import check_drawing, scene_compositor
 from mjrun.outputs.recorded_scene import camera_motions
@@ -30,7 +30,7 @@ from mjrun.outputs.video import Video
 from mjrun.platform.cores import available_cores
 from mjrun.rendering.backend import WorkingBackend
 from mjrun.rendering.classic import ClassicRenderer, SingleSampleFramebuffer
-from mjrun.rendering.compositor import FrameStream, SceneCompositor, TextAndLivePlots
+from mjrun.rendering.compositor import FrameSpec, SceneCompositor, TextAndLivePlots
 from mjrun.rendering.filament import FilamentRenderer
 from mjrun.reporter import PythonApiReporter
 from mjrun.simulation.simulation import Simulation
@@ -39,7 +39,6 @@ from mjrun.suffixes import XML
 UPDATE, DRAW, READ = "update", "draw", "read"
 REPEATS = 3  # of loading
 LEAST, MOST = 7, 30  # frames that are timed, after the first
-FPS = Fraction(30)
 VIDEOS, ROUNDS = 3, 4  # videos that are encoded, and repetitions of every frame in each
 COMPOSE = "compose"
 
@@ -183,7 +182,7 @@ def timed_load(source: ModelSource, clock: Clock) -> tuple[mujoco.MjModel, LoadT
       ModelError: the model cannot be loaded.
       UsageError: an override names nothing, or its value does not fit.
     """
-    return load_confined(lambda: _timed_load(source, clock))
+    return load_respecting_confinement(lambda: _timed_load(source, clock))
 
 
 def _timed_load(source: ModelSource, clock: Clock) -> tuple[mujoco.MjModel, LoadTiming]:
@@ -265,8 +264,8 @@ def timed_frames(
     """
     check_drawing(drawing, model, backend)
     watch, (motion,) = Stopwatch(clock), camera_motions(drawing.camera, drawing.size, model)
-    (stream,) = (file.stream(drawing, TextAndLivePlots()) for file in panel_files(drawing, "drawing"))
-    compositor = scene_compositor(drawing, model, backend, [stream], [(motion.pose(state),) for state in states])
+    (spec,) = (file.frame_spec(drawing, TextAndLivePlots()) for file in panel_files(drawing, "drawing"))
+    compositor = scene_compositor(drawing, model, backend, [spec], [(motion.pose(state),) for state in states])
     timed, segmentation = TIMED[drawing.renderer], compositor.segmentation
     workload = ReferenceWorkloadTimer(clock, available_cores()) if backend.software else None
 
@@ -281,7 +280,7 @@ def timed_frames(
     with scratch_folder() as folder:
         path = str(folder / "video.mp4")
         encoded = [*frames] * ROUNDS
-        encode = summarized([_encoded(path, stream, encoded, drawing.view[0], clock) for _ in range(VIDEOS)])
+        encode = summarized([_encoded(path, spec, encoded, drawing.view[0], clock) for _ in range(VIDEOS)])
     parts = {name: [cost.get(name, 0.0) for cost in rest] for name in (UPDATE, DRAW, READ, COMPOSE)}
     return FrameTiming(
         view=drawing.view[0],
@@ -309,7 +308,7 @@ def _drawn(
     workload: ReferenceWorkloadTimer | None,
 ) -> tuple[list[dict[str, float]], list[np.ndarray]]:
     """Returns the wall time of each part of each frame [s], and a frame of each state that was drawn."""
-    views = [panel.view for stream in compositor.streams for panel in stream.panels]
+    views = [panel.view for spec in compositor.specs for panel in spec.panels]
     if "depth" in views and not compositor.ranges:
         compositor.choose_ranges(dict(enumerate(states[:1])))
 
@@ -337,11 +336,11 @@ def _sample_between_frames(workload: ReferenceWorkloadTimer, costs: Sequence[Map
         workload.time()
 
 
-def _encoded(path: str, stream: FrameStream, frames: Sequence[np.ndarray], view: str, clock: Clock) -> float:
+def _encoded(path: str, spec: FrameSpec, frames: Sequence[np.ndarray], view: str, clock: Clock) -> float:
     """Times the encoding of a video, without starting the encoder, per frame [s]."""
     coded = encoding(path, None, None, None, None, "ids" if view == "seg" else "video")
     first, *rest = frames
-    with VideoWriter(path, coded, stream.size_of_frame, FPS, count=len(frames)) as video:
+    with VideoWriter(path, coded, spec.size_of_frame, FPS, count=len(frames)) as video:
         video.write(first)
         before = clock()
         for frame in rest:

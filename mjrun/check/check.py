@@ -32,7 +32,7 @@ from mjrun.options.check import EXTRAS, CheckOptions
 from mjrun.options.number_kinds import AUTO
 from mjrun.options.option import OptionRequirement, options
 from mjrun.options.policy import NORMALIZE_REQUIREMENT, PolicyOptions
-from mjrun.packages import computing_versions, installed_version
+from mjrun.packages import core_versions, installed_version
 from mjrun.platform.cores import available_cores
 from mjrun.platform.mirrored_paths import with_original_paths
 from mjrun.reporter import PythonApiReporter, Reporter
@@ -236,7 +236,7 @@ class ModelCheck(PolicyOptions, CheckOptions):
         from mjrun.check.result_cache import ResultCache
 
         libraries = [name for libraries, _ in EXTRAS.values() for name in libraries] if self.unsafe_fixes else []
-        return ResultCache(computing_versions() | {name: installed_version(name) for name in libraries})
+        return ResultCache(core_versions() | {name: installed_version(name) for name in libraries})
 
     def _fixing(
         self, paths: Sequence[str], workers: CheckProcessPool, spelling: Spelling, before: "BeforeFix | None"

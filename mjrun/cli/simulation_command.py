@@ -62,14 +62,14 @@ def import_mujoco() -> None:
     before = {name: os.environ.get(name) for name in ENVIRONMENT}
     os.environ.update(ENVIRONMENT)
     import_module("mujoco")
-    from mjrun.packages import require_computing
+    from mjrun.packages import require_core_versions
 
     for name, value in before.items():
         if value is None:
             del os.environ[name]
         else:
             os.environ[name] = value
-    require_computing()
+    require_core_versions()
 
 
 def try_backend_early(command_line: ParsedCommandLine) -> None:
@@ -102,19 +102,19 @@ def stem(command_line: ParsedCommandLine) -> str:
 
 def simulation(command_line: ParsedCommandLine) -> "Simulation":
     """Returns the simulation that a command line describes."""
-    from mjrun.model.sources import names_task
+    from mjrun.model.sources import is_task_name
     from mjrun.simulation.simulation import Simulation
 
     text = command_line.argument("model")
-    model = _source(command_line) if names_task(text) else text
+    model = _source(command_line) if is_task_name(text) else text
     return command_line.with_converted("controller", load_controller).make(Simulation, model=model)
 
 
 def _source(command_line: ParsedCommandLine) -> "ModelSource":
-    from mjrun.model.sources import names_task, parse_source
+    from mjrun.model.sources import is_task_name, parse_source
 
     text = command_line.argument("model")
-    if not names_task(text):
+    if not is_task_name(text):
         return parse_source(text)
     from mjrun.document.task import read_task
 

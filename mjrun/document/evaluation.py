@@ -35,7 +35,7 @@ from mjrun.evaluation.evaluation import Evaluation
 from mjrun.evaluation.prepared import Rewritten
 from mjrun.formats.input_file import is_folder
 from mjrun.model.source import ModelSource
-from mjrun.model.sources import names_task, parse_source
+from mjrun.model.sources import is_task_name, parse_source
 from mjrun.options.evaluation import EvaluationOptions
 from mjrun.options.kinds import TextKind
 from mjrun.options.option import Options, document_key
@@ -128,7 +128,7 @@ def evaluated_task(text: str, assignments: Sequence[str]) -> tuple[ModelSource, 
       DocumentError: the document is faulty; all faults are listed.
       FileError: the document is missing or cannot be read.
     """
-    if names_task(text):
+    if is_task_name(text):
         return _read(text, assignments), partial(_read, text, assignments)
     if is_folder(text):
         raise UsageError(

@@ -32,7 +32,7 @@ from mjrun.document.tree import DocumentPath, MappingNode, document_error, numbe
 from mjrun.errors import UsageError, quoted
 from mjrun.model.override import overrides_of
 from mjrun.model.source import ModelSource
-from mjrun.model.sources import names_task, parse_source
+from mjrun.model.sources import is_task_name, parse_source
 from mjrun.model.sources.bundled_scene import bundled_task
 from mjrun.options.kinds import TextKind
 from mjrun.options.model import ModelOptions
@@ -137,7 +137,7 @@ def read_task(path: Path | str, assignments: Sequence[str] = ()) -> Task:
 
 def task_or_model(text: str) -> Task | str:
     """Returns the task that `text` names, or else `text` itself, which names a model."""
-    return read_task(text) if names_task(text) else text
+    return read_task(text) if is_task_name(text) else text
 
 
 def is_task(path: Path | str) -> bool:
@@ -170,7 +170,7 @@ class _Builder(DocumentValueBuilder):
 
     def _model(self, document: Values) -> ModelSource:
         written = str(document["model"])
-        if names_task(written):
+        if is_task_name(written):
             raise UsageError(f"{quoted(written)} is a document; a task requires a model", ("model",))
         return parse_source(self.folders.model(written))
 

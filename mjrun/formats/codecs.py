@@ -33,7 +33,7 @@ class Codec:
       crf: lowest, highest and default constant rate factor, lower is better; None if the codec does not support it.
       presets, preset: names or numbers from fast to thorough, and the default.
       preset_flag: argument that sets the preset.
-      pixels: pixel format of its frames, `RGB24` or `GRAY16`.
+      pixel_format: pixel format of its frames, `RGB24` or `GRAY16`.
     """
 
     arguments: Sequence[str]
@@ -43,7 +43,7 @@ class Codec:
     presets: Sequence[str] = ()
     preset: str = ""
     preset_flag: str = "-preset"
-    pixels: str = RGB24
+    pixel_format: str = RGB24
 
 
 CODECS = {
@@ -77,12 +77,12 @@ CODECS = {
     ),
     "h264rgb": Codec(("-c:v", "libx264rgb", "-crf", "0"), presets=X264_PRESETS, preset="veryfast"),
     "ffv1": Codec(("-c:v", "ffv1", "-pix_fmt", "bgr0")),
-    "ffv1-gray16": Codec(("-c:v", "ffv1", "-pix_fmt", "gray16le"), pixels=GRAY16),
+    "ffv1-gray16": Codec(("-c:v", "ffv1", "-pix_fmt", "gray16le"), pixel_format=GRAY16),
     "gif": Codec(("-c:v", "gif"), PALETTE),
     "apng": Codec(("-c:v", "apng", "-pix_fmt", "rgb24")),
     "webp": Codec(("-c:v", "libwebp_anim", "-quality", "90")),
     "png": Codec(("-c:v", "png", "-pix_fmt", "rgb24")),
-    "png-gray16": Codec(("-c:v", "png", "-pix_fmt", "gray16be"), pixels=GRAY16),
+    "png-gray16": Codec(("-c:v", "png", "-pix_fmt", "gray16be"), pixel_format=GRAY16),
     "raw": Codec(("-c:v", "rawvideo", "-pix_fmt", "rgb24")),
 }
 
@@ -161,9 +161,9 @@ class VideoEncoding:
     alone: bool = False
 
     @property
-    def pixels(self) -> str:
+    def pixel_format(self) -> str:
         """The pixel format of frames: `RGB24`, uint8 `(h, w, 3)`, or `GRAY16`, uint16 `(h, w)`."""
-        return CODECS[self.codec].pixels
+        return CODECS[self.codec].pixel_format
 
     @property
     def fps(self) -> Fraction:

@@ -60,10 +60,10 @@ def source(path: str | Path, suffix: str) -> tuple[list[str], str]:
     return ["-protocol_whitelist", "file", "-format_whitelist", demuxers, *forced], f"file:{path}"
 
 
-def raw_frames(pixels: str, size: tuple[int, int], fps: Fraction) -> list[str]:
+def raw_frames(pixel_format: str, size: tuple[int, int], fps: Fraction) -> list[str]:
     """Returns the arguments before `-i` that describe frames without a header, in a pixel format of `codecs`."""
     width, height = size
-    return ["-f", "rawvideo", "-pix_fmt", pixels, "-s", f"{width}x{height}", "-framerate", str(fps)]
+    return ["-f", "rawvideo", "-pix_fmt", pixel_format, "-s", f"{width}x{height}", "-framerate", str(fps)]
 
 
 def run(*arguments: str) -> FfmpegResult:

@@ -15,7 +15,7 @@ from mjrun.formats.destinations import StagedFile
 from mjrun.formats.output_writer import OutputWriter
 from mjrun.formats.temporary_output import temporary_file
 from mjrun.model import state
-from mjrun.model.compilation import compile_spec, refusals_named
+from mjrun.model.compilation import compile_spec, model_errors
 from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.model.names import identify
 from mjrun.model.xml_source import START_TAG, Element, XmlParser
@@ -91,7 +91,7 @@ class KeyframeWriter(OutputWriter):
         beside = Path(self.destination.path).with_name(shown.name)
         with self.writing(), temporary_file(beside, text, ".xml") as path:
             try:
-                with refusals_named(shown):
+                with model_errors(shown):
                     spec = mujoco.MjSpec.from_file(str(path))
                 return compile_spec(spec, (), shown)[1]
             except BrokenModelError as error:

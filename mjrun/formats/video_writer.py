@@ -24,6 +24,7 @@ from mjrun.formats.destinations import (
     no_space,
 )
 from mjrun.formats.output_writer import OutputWriter
+from mjrun.options.video import FPS
 from mjrun.timeline import rational
 
 LONGEST_ARGUMENT = 100_000  # bytes; Linux allows 128 KiB
@@ -33,7 +34,7 @@ SMALLEST = 16  # smallest width and height [pixels]; below it some encoders fail
 def write_video(
     path: str | Path,
     frames: Iterable[np.ndarray],
-    fps: float | str | Fraction = 30,
+    fps: float | str | Fraction = FPS,
     *,
     codec: str | None = None,
     crf: int | None = None,
@@ -126,7 +127,7 @@ class VideoWriter(OutputWriter):
           ClosedPipeError: the reader of standard output closed the pipe.
         """
         width, height = self.size
-        numbers = self._encoding.pixels == GRAY16
+        numbers = self._encoding.pixel_format == GRAY16
         shape, kind = ((height, width), np.uint16) if numbers else ((height, width, 3), np.uint8)
         if frame.shape != shape or frame.dtype != kind:
             raise ValueError(f"a frame must be {np.dtype(kind)} {shape}, not {frame.dtype} {frame.shape}")
@@ -152,7 +153,7 @@ class VideoWriter(OutputWriter):
         super().finish()
 
     def _start(self, tags: Mapping[str, str]) -> ChildProcess:
-        frames = [*ffmpeg.raw_frames(self._encoding.pixels, self.size, self.fps), "-i", "pipe:0"]
+        frames = [*ffmpeg.raw_frames(self._encoding.pixel_format, self.size, self.fps), "-i", "pipe:0"]
         # The system limits command lines: longer tags go through an unnamed file beside the output.
         length = max((len(os.fsencode(text)) for text in tags.values()), default=0)
         metadata = [part for name, text in tags.items() for part in ("-metadata", f"{name}={text}")]

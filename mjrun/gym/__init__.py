@@ -4,7 +4,7 @@ Importing this registers `mjrun/Task-v0`, which takes `task`; `gymnasium.make("m
 imports it. The numbers are those of `mjrun eval`, to the bit.
 """
 
-from mjrun.packages import cause_of, require, require_computing
+from mjrun.packages import cause_of, require, require_core_versions
 
 try:
     import gymnasium
@@ -13,7 +13,7 @@ try:
 except Exception as error:
     require("mjrun.gym", "gym", "gymnasium")
     raise cause_of(error) or error from None
-require_computing()
+require_core_versions()
 
 __all__ = ["TaskEnv", "TaskVectorEnv", "make", "make_vec"]
 

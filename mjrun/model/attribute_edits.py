@@ -13,7 +13,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, clean
-from mjrun.model.compilation import load_confined
+from mjrun.model.compilation import load_respecting_confinement
 from mjrun.model.override import ELEMENTS, PARTIAL, ROOTS, Override, apply, indices_at
 from mjrun.model.text_edits import ElementEditor, edited
 from mjrun.model.xml_source import Element, XmlSource, default_holder, read_xml
@@ -67,7 +67,7 @@ def changes(path: Path, overrides: Sequence[Override]) -> list[AttributeChange]:
     Raises:
       UsageError: no attribute of the text holds the overridden value, such as the gain of a muscle.
     """
-    text, changed = read_xml(path), load_confined(lambda: mujoco.MjSpec.from_file(str(path)))
+    text, changed = read_xml(path), load_respecting_confinement(lambda: mujoco.MjSpec.from_file(str(path)))
     for override in overrides:
         apply(changed, override)
     made: dict[tuple[int, str], AttributeChange] = {}

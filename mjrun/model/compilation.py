@@ -31,7 +31,7 @@ DERIVED = ("0", "_aabb", "_rbound", "_subtreemass", "_L")
 T = TypeVar("T")
 
 
-def load_confined(load: Callable[[], T]) -> T:
+def load_respecting_confinement(load: Callable[[], T]) -> T:
     """Calls `load`: in a confined process, in a thread that can open only the files of models."""
     if confinement() is None:
         return load()
@@ -138,7 +138,7 @@ _LINE = re.compile(r"(?:', |id -?\d+, )line (\d+)$|Line number=(\d+)", re.MULTIL
 
 
 @contextmanager
-def refusals_named(path: Path, advice: str = "") -> Generator[None]:
+def model_errors(path: Path, advice: str = "") -> Generator[None]:
     """Raises what MuJoCo refuses within the `with` block, where a model is parsed, as BrokenModelError.
 
     Args:

@@ -14,7 +14,7 @@ from mjrun.formats.destinations import FRAME_NAME
 from mjrun.formats.segmentation_labels import labels_beside
 from mjrun.options.rendering import ViewOptions
 from mjrun.outputs.output import named_files
-from mjrun.rendering.compositor import CameraPanel, FrameComposition, FrameStream, TextAndLivePlots, layout_size
+from mjrun.rendering.compositor import CameraPanel, FrameComposition, FrameSpec, TextAndLivePlots, layout_size
 
 
 @dataclass(frozen=True)
@@ -39,8 +39,8 @@ class VideoOrImageFile:
         """True if a separate file describes its ids."""
         return self.target is not None and [panel.view for panel in self.panels] == ["seg"]
 
-    def stream(self, options: ViewOptions, overlay: TextAndLivePlots, legend: bool = False) -> FrameStream:
-        """Returns the stream of its frames.
+    def frame_spec(self, options: ViewOptions, overlay: TextAndLivePlots, legend: bool = False) -> FrameSpec:
+        """Returns the spec of its frames.
 
         Args:
           legend: whether coloured segmentations list what is in view.
@@ -48,7 +48,7 @@ class VideoOrImageFile:
         composition = FrameComposition(
             options.layout, options.captions, legend, TextAndLivePlots() if self.exact else overlay
         )
-        return FrameStream(self.panels, options.size, composition, self.exact)
+        return FrameSpec(self.panels, options.size, composition, self.exact)
 
 
 def camera_names(options: ViewOptions) -> list[str]:

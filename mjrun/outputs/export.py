@@ -49,7 +49,7 @@ from mjrun.scene_graph.recorder import CONTACTS, FLAGS, SceneContentSettings, co
 from mjrun.scene_graph.walk import matrix_quaternion, quaternion, vector
 
 if TYPE_CHECKING:
-    from mjrun.outputs.frame_drawing import FramePlan, OpenFrames
+    from mjrun.outputs.frame_drawing import FramePlan, FrameRecorder
 
 NO_LABELS, BODY_LABELS = int(mujoco.mjtLabel.mjLABEL_NONE), int(mujoco.mjtLabel.mjLABEL_BODY)
 DETAIL = {"draft": 0.5, "model": 1.0, "high": 2.0}  # triangles of circles by quality, relative to the model's
@@ -301,7 +301,7 @@ class SceneToExport:
         request: Export,
         plan: ScenePlan,
         recorded_scene: RecordedScene,
-        images: "OpenFrames | None",
+        images: "FrameRecorder | None",
         values: MeasuredValues | None,
         marks: Sequence[TimelineMark],
         contacts: FrameContacts | None,
@@ -444,13 +444,13 @@ class OpenExport(output.OpenOutput[ExportResult]):
     ) -> None:
         self._request, self._content, self._context = request, content, content.scene.context
         self._facts = self._context.facts(request, content.schedule.observed if content.schedule else None)
-        self._images: OpenFrames | None = None
+        self._images: FrameRecorder | None = None
         if content.images:
             from mjrun.outputs.camera_panels import panel_files
-            from mjrun.outputs.frame_drawing import open_frames
+            from mjrun.outputs.frame_drawing import open_frame_recorder
 
             files = panel_files(content.images.request, content.images.request.output)
-            self._images = open_frames(content.images, content.schedule, files, stack, backends, request.jobs)
+            self._images = open_frame_recorder(content.images, content.schedule, files, stack, backends, request.jobs)
         self._states = self._images.states if self._images else open_states(content.scene, stack)
         self._rows = stack.enter_context(closing(SpooledRows(len(content.table.columns) if content.table else 0)))
         self._detector = content.detector

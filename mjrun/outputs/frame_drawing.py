@@ -42,7 +42,7 @@ from mjrun.probe.select import available_columns, split
 from mjrun.rendering.added_geoms import Decoration
 from mjrun.rendering.backend import WorkingBackend, lacks_gpu
 from mjrun.rendering.classic import check_size
-from mjrun.rendering.compositor import FrameCosts, FrameStream, SceneCompositor, TextAndLivePlots
+from mjrun.rendering.compositor import FrameCosts, FrameSpec, SceneCompositor, TextAndLivePlots
 from mjrun.rendering.compositor_pool import CompositorPool, CompositorProcesses
 from mjrun.rendering.filament import check_segmentation, check_visual, omissions
 from mjrun.rendering.live_plot import LivePlot, aligned, live_plot_size
@@ -202,7 +202,7 @@ class FramePlan:
 
     def size_of(self, file: VideoOrImageFile) -> tuple[int, int]:
         """Returns width and height of the frames in a file [pixels]."""
-        return file.stream(self.request, self.overlay).size_of_frame
+        return file.frame_spec(self.request, self.overlay).size_of_frame
 
 
 def plan_frames(
@@ -232,8 +232,8 @@ def plan_frames(
 
 
 @dataclass(eq=False)
-class OpenFrames:
-    """The frames of a video or an image, which can be recorded and then drawn.
+class FrameRecorder:
+    """A recorder of the states from which the frames of a video or an image are drawn.
 
     Attributes:
       schedule: the schedule of the frames; None until events decide.
@@ -274,14 +274,14 @@ class OpenFrames:
         return place_scene(self.plan.scene, self.schedule, self.states)
 
 
-def open_frames(
+def open_frame_recorder(
     plan: FramePlan,
     schedule: FrameSchedule | None,
     files: Sequence[VideoOrImageFile],
     stack: ExitStack,
     backends: RenderingResources,
     jobs: int | str = 1,
-) -> OpenFrames:
+) -> FrameRecorder:
     """Makes room for the states of frames, waits for the backend, and starts the processes that draw.
 
     Args:
@@ -304,7 +304,7 @@ def open_frames(
         processes.start_if_worthwhile(len(schedule.steps), software=backend.software)
     for text in _drawing_warnings(plan, files, backend):
         context.reporter.warn(text)
-    return OpenFrames(plan, schedule, files, states, values, backend, processes)
+    return FrameRecorder(plan, schedule, files, states, values, backend, processes)
 
 
 def _drawing_warnings(plan: FramePlan, files: Sequence[VideoOrImageFile], backend: WorkingBackend) -> list[str]:
@@ -316,19 +316,19 @@ def _drawing_warnings(plan: FramePlan, files: Sequence[VideoOrImageFile], backen
     return [*check_drawing(request, context.model, backend), *remarks, *unused]
 
 
-def frame_compositor(frames: OpenFrames, scene: RecordedScene, *, legend: bool = False) -> SceneCompositor:
+def frame_compositor(recorder: FrameRecorder, scene: RecordedScene, *, legend: bool = False) -> SceneCompositor:
     """Returns the compositor of all files.
 
     Args:
       legend: coloured segmentations list what is in view.
     """
-    plan, overlay, schedule = frames.plan, frames.plan.overlay, scene.schedule
+    plan, overlay, schedule = recorder.plan, recorder.plan.overlay, scene.schedule
     if plan.probes:
         timeline = plan.scene.context.timeline
-        values = frames.values.read(0, len(frames.values))
+        values = recorder.values.read(0, len(recorder.values))
         overlay = plan.probes.overlay(overlay, values, schedule.steps, schedule.speeds, timeline)
-    streams = [file.stream(plan.request, overlay, legend) for file in frames.files]
-    return scene_compositor(plan.request, scene.model, frames.backend, streams, scene.poses, scene.decorations)
+    specs = [file.frame_spec(plan.request, overlay, legend) for file in recorder.files]
+    return scene_compositor(plan.request, scene.model, recorder.backend, specs, scene.poses, scene.decorations)
 
 
 def check_view(options: ViewOptions) -> None:
@@ -354,11 +354,11 @@ def scene_compositor(
     options: ViewOptions,
     model: mujoco.MjModel,
     backend: WorkingBackend,
-    streams: Sequence[FrameStream],
+    specs: Sequence[FrameSpec],
     poses: Sequence[Sequence[CameraPose]],
     decorations: Sequence[Decoration] = (),
 ) -> SceneCompositor:
-    """Returns the compositor that renders `streams`; `poses` holds the poses of every camera for each frame."""
+    """Returns the compositor that renders `specs`; `poses` holds the poses of every camera for each frame."""
     return SceneCompositor(
         model=model,
         backend=backend,
@@ -366,7 +366,7 @@ def scene_compositor(
         visual=visual_of(options),
         names=camera_names(options),
         poses=poses,
-        streams=streams,
+        specs=specs,
         segmentation=SegmentationIds(model, options.seg_by) if "seg" in options.view else None,
         decorations=decorations,
         ranges=[options.depth_range] * len(options.camera) if options.depth_range else [],
@@ -454,17 +454,17 @@ class FrameDrawer:
       MjrunError: the frames sampled for the colours of depth cannot be rendered, or no processes can be started.
     """
 
-    def __init__(self, frames: OpenFrames, scene: RecordedScene, compositor: SceneCompositor) -> None:
+    def __init__(self, recorder: FrameRecorder, scene: RecordedScene, compositor: SceneCompositor) -> None:
         self._compositor, self._states = compositor, scene.states
-        self._processes, self._backend = frames.processes, frames.backend
-        self._reporter = frames.plan.scene.context.reporter
+        self._processes, self._backend = recorder.processes, recorder.backend
+        self._reporter = recorder.plan.scene.context.reporter
         self._drawn = 0  # the number of frames so far
         self._frame = np.empty(compositor.bytes, np.uint8)
         self._pool: CompositorPool[SceneCompositor] | None = None
         self._drawn_by_others: Iterator[np.ndarray] = iter(())
-        self._is_reported = not frames.backend.software  # the cost of a frame
+        self._is_reported = not recorder.backend.software  # the cost of a frame
         _choose_depth_colours(compositor, scene.states)
-        self._processes.start_if_worthwhile(len(scene.states), software=frames.backend.software)
+        self._processes.start_if_worthwhile(len(scene.states), software=recorder.backend.software)
 
     def draw(self) -> Sequence[np.ndarray]:
         """Draws the next frame, and returns its pixels in each file, which are valid until the next one is drawn.
@@ -520,7 +520,7 @@ class FrameDrawer:
 
 def _choose_depth_colours(compositor: SceneCompositor, states: StateBuffer) -> None:
     """Chooses the colour range of depth from sampled frames, unless a range was set."""
-    coloured = any(panel.view == "depth" and not s.exact for s in compositor.streams for panel in s.panels)
+    coloured = any(panel.view == "depth" and not s.exact for s in compositor.specs for panel in s.panels)
     if coloured and not compositor.ranges:
         compositor.open()
         chosen = dict.fromkeys(np.linspace(0, len(states) - 1, DEPTH_SAMPLES).astype(int).tolist())

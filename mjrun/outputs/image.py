@@ -27,7 +27,7 @@ from mjrun.outputs.frame_drawing import (
     FramePlan,
     VideoOrImageRequest,
     frame_compositor,
-    open_frames,
+    open_frame_recorder,
     plan_frames,
 )
 from mjrun.outputs.frame_schedule import FrameSchedule, image_schedule
@@ -160,9 +160,9 @@ class OpenImage(output.OpenOutput[ImageResult]):
     ) -> None:
         files = request.formatted_files
         self._request, self._scene_plan = request, frames.scene
-        self._frames = open_frames(frames, schedule, files, stack, backends)
-        self.taps = self._frames.taps
-        self._facts = self._frames.facts
+        self._recorder = open_frame_recorder(frames, schedule, files, stack, backends)
+        self.taps = self._recorder.taps
+        self._facts = self._recorder.facts
         self._writers: list[ImageWriter] = []
         for file in files:
             size, tags = frames.size_of(file), output.metadata_tags(file.target, self._facts)
@@ -180,12 +180,12 @@ class OpenImage(output.OpenOutput[ImageResult]):
             self._pointcloud = stack.enter_context(PointCloudWriter(request.pointcloud, labels))
 
     def choose_taps(self, event_steps: output.EventSteps) -> None:
-        self._frames.schedule = self._request.schedule_frames(self._scene_plan, event_steps)
-        self.taps = self._frames.taps
+        self._recorder.schedule = self._request.schedule_frames(self._scene_plan, event_steps)
+        self.taps = self._recorder.taps
 
     def finish(self, simulation_wall: float) -> output.FinishedOutput[ImageResult]:
-        scene = self._frames.place()
-        compositor = frame_compositor(self._frames, scene, legend=self._request.legend)
+        scene = self._recorder.place()
+        compositor = frame_compositor(self._recorder, scene, legend=self._request.legend)
         pictures = self._pictures(compositor, scene.states[0])
         for index in range(len(self._writers)):
             self._write(index, compositor, pictures)
@@ -207,13 +207,13 @@ class OpenImage(output.OpenOutput[ImageResult]):
         return output.FinishedOutput(self._result(scene.schedule, clipped, writers), writers, self._facts)
 
     def _result(self, schedule: FrameSchedule, clipped: float, writers: Sequence[OutputWriter]) -> ImageResult:
-        backend, file = self._frames.backend, self._request.formatted_files[0]
+        backend, file = self._recorder.backend, self._request.formatted_files[0]
         places = [part.destination for writer in writers for part in writer.together]
         return ImageResult(
             path=self._request.output,
             paths=[str(place.shown) for place in places if place.stdout is None],
             format=file.format,
-            size=self._frames.plan.size_of(file),
+            size=self._recorder.plan.size_of(file),
             time=schedule.times[0],
             step=schedule.steps[0],
             clipped=clipped,
@@ -244,7 +244,7 @@ class OpenImage(output.OpenOutput[ImageResult]):
             assert picture.ids is not None
             writer.write(picture.ids, picture.legend, compositor.colors)
         else:
-            writer.write(np.ascontiguousarray(compositor.frame(compositor.streams[index], pictures, 0)))
+            writer.write(np.ascontiguousarray(compositor.frame(compositor.specs[index], pictures, 0)))
 
 
 def _image_file(request: Image, file: VideoOrImageFile) -> FormattedImageFile:

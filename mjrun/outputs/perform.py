@@ -124,14 +124,14 @@ class PassPlan(Generic[R]):
     Attributes:
       stepper: takes the steps; its model computes everything that the outputs measure.
       outputs: the plan of each request.
-      versions: versions of the simulation's files before they were read.
+      file_versions: versions of the simulation's files before they were read.
     """
 
     requests: Sequence[OutputRequest[R]]
     context: PassContext
     stepper: Stepper
     outputs: Sequence[OutputPlan[R]]
-    versions: Mapping[Path, list[int] | None]
+    file_versions: Mapping[Path, list[int] | None]
 
 
 def plan_pass(requests: Sequence[OutputRequest[R]], reporter: Reporter, backends: RenderingResources) -> PassPlan[R]:
@@ -154,7 +154,7 @@ def plan_pass(requests: Sequence[OutputRequest[R]], reporter: Reporter, backends
                 backends.detect(request.renderer_options)
     collected.raise_all()
 
-    versions = simulation.versions()
+    file_versions = simulation.file_versions()
     with collected.errors_of(None):
         context = _context(simulation, reporter)
     collected.raise_all()
@@ -169,7 +169,7 @@ def plan_pass(requests: Sequence[OutputRequest[R]], reporter: Reporter, backends
     with collected.errors_of(None):
         stepper = simulation.stepper(measured)
     collected.raise_all()
-    return PassPlan(requests, context, stepper, plans, versions)
+    return PassPlan(requests, context, stepper, plans, file_versions)
 
 
 def _context(simulation: Simulation, reporter: Reporter) -> PassContext:
@@ -238,7 +238,7 @@ def open_pass(plan: PassPlan[R], stack: ExitStack, backends: RenderingResources)
       MjrunError: a file cannot be written, an input has changed while it was read, or no backend works.
     """
     context = plan.context
-    context.simulation.require_versions(plan.versions)  # before outputs state what they are made from
+    context.simulation.require_unchanged_files(plan.file_versions)  # before outputs state what they are made from
     manifests = [
         stack.enter_context(ManifestWriter(request.manifest)) if request.manifest else None for request in plan.requests
     ]

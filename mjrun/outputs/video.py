@@ -27,7 +27,7 @@ from mjrun.outputs.frame_drawing import (
     FramePlan,
     VideoOrImageRequest,
     frame_compositor,
-    open_frames,
+    open_frame_recorder,
     plan_frames,
 )
 from mjrun.outputs.frame_schedule import FrameSchedule, video_schedule
@@ -155,10 +155,10 @@ class OpenVideo(output.OpenOutput[VideoResult]):
         backends: output.RenderingResources,
     ) -> None:
         self._request, self._scene_plan, self._reporter = request, frames.scene, frames.scene.context.reporter
-        self._frames = open_frames(frames, schedule, request.encoded_files, stack, backends, request.jobs)
-        self.taps = self._frames.taps
+        self._recorder = open_frame_recorder(frames, schedule, request.encoded_files, stack, backends, request.jobs)
+        self.taps = self._recorder.taps
         count = {"frames": len(schedule.steps)} if schedule else {}
-        self._facts = {**self._frames.facts, **count}
+        self._facts = {**self._recorder.facts, **count}
         self._writers, self._labels = list[VideoWriter](), list[LabelsWriter | None]()
         for file in request.encoded_files:
             size, tags = frames.size_of(file), output.metadata_tags(file.target, self._facts)
@@ -173,14 +173,14 @@ class OpenVideo(output.OpenOutput[VideoResult]):
             stack.enter_context(self._calibration.writer)
 
     def choose_taps(self, event_steps: output.EventSteps) -> None:
-        self._frames.schedule = self._request.schedule_frames(self._scene_plan, event_steps)
-        self.taps = self._frames.taps
+        self._recorder.schedule = self._request.schedule_frames(self._scene_plan, event_steps)
+        self.taps = self._recorder.taps
 
     def finish(self, simulation_wall: float) -> output.FinishedOutput[VideoResult]:
         """Draws every recorded state, here or in other processes, into the encoders, and ends them."""
         start = perf_counter()
-        scene = self._frames.place()
-        self._draw(scene, frame_compositor(self._frames, scene))
+        scene = self._recorder.place()
+        self._draw(scene, frame_compositor(self._recorder, scene))
         writers: list[OutputWriter] = [*self._writers, *filter(None, self._labels)]
         if self._calibration:
             for index, (poses, time) in enumerate(zip(scene.poses, scene.times, strict=True)):
@@ -198,9 +198,9 @@ class OpenVideo(output.OpenOutput[VideoResult]):
         count = len(scene.states)
         for writer in self._writers:
             writer.count = count
-        is_depth = [stream.exact and stream.panels[0].view == "depth" for stream in compositor.streams]
+        is_depth = [spec.exact and spec.panels[0].view == "depth" for spec in compositor.specs]
         clipped = 0
-        with closing(FrameDrawer(self._frames, scene, compositor)) as drawing:
+        with closing(FrameDrawer(self._recorder, scene, compositor)) as drawing:
             for _ in range(count):
                 for writer, part, depth in zip(self._writers, drawing.draw(), is_depth, strict=True):
                     writer.write(part)
@@ -209,14 +209,14 @@ class OpenVideo(output.OpenOutput[VideoResult]):
             share = clipped / (count * sum(is_depth) * prod(self._request.size))
             self._reporter.warn(f"{share:.2%} of the pixels are at 65.535 m or beyond, the limit of 16-bit depth")
 
-        for labels, stream in zip(self._labels, compositor.streams, strict=True):
+        for labels, spec in zip(self._labels, compositor.specs, strict=True):
             if labels:
                 assert compositor.segmentation
-                colours = None if stream.exact else compositor.colors
-                labels.write(stream.size, compositor.segmentation.legend, colours)
+                colours = None if spec.exact else compositor.colors
+                labels.write(spec.size, compositor.segmentation.legend, colours)
 
     def _result(self, count: int, simulation_wall: float, draw_wall: float) -> VideoResult:
-        request, timeline, backend = self._request, self._scene_plan.context.timeline, self._frames.backend
+        request, timeline, backend = self._request, self._scene_plan.context.timeline, self._recorder.backend
         encoded, (width, height) = request.encoded_files[0].encoding, self._writers[0].size
         right, bottom = encoded.padding(width, height)
         videos = [file.path for file in request.encoded_files]
@@ -231,7 +231,7 @@ class OpenVideo(output.OpenOutput[VideoResult]):
             duration=float(count / request.rate),
             simulated=float(timeline.duration),
             steps=timeline.steps,
-            jobs=self._frames.processes.count,
+            jobs=self._recorder.processes.count,
             renderer=backend.renderer,
             gl=backend.name,
             software=backend.software,
@@ -284,17 +284,17 @@ class OpenVideoInMemory(output.OpenOutput[output.OutputResult]):
         backends: output.RenderingResources,
     ) -> None:
         self._request = request
-        self._frames = open_frames(frames, schedule, request.encoded_files, stack, backends, request.jobs)
-        self.taps = self._frames.taps
+        self._recorder = open_frame_recorder(frames, schedule, request.encoded_files, stack, backends, request.jobs)
+        self.taps = self._recorder.taps
 
     def choose_taps(self, event_steps: output.EventSteps) -> None:
-        self._frames.schedule = self._request.schedule_frames(self._frames.plan.scene, event_steps)
-        self.taps = self._frames.taps
+        self._recorder.schedule = self._request.schedule_frames(self._recorder.plan.scene, event_steps)
+        self.taps = self._recorder.taps
 
     def images(self) -> Generator[np.ndarray]:
         """Draws the frames one by one, when they are requested, and yields copies of them."""
-        scene = self._frames.place()
-        with closing(FrameDrawer(self._frames, scene, frame_compositor(self._frames, scene))) as drawing:
+        scene = self._recorder.place()
+        with closing(FrameDrawer(self._recorder, scene, frame_compositor(self._recorder, scene))) as drawing:
             for _ in scene.times:
                 yield drawing.draw()[0].copy()
 

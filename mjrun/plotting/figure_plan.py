@@ -30,6 +30,7 @@ from mjrun.plotting.figure_data import (
     XRangeFilter,
     panel_grid,
 )
+from mjrun.probe.derived import derived_units
 from mjrun.probe.fields import DOF_UNITS
 from mjrun.probe.row_expression import Condition, RisingEdgeDetector, named_condition, parse_condition
 from mjrun.probe.vocabularies import TableVocabulary
@@ -37,14 +38,6 @@ from mjrun.probe.vocabularies import TableVocabulary
 CURVES = 12  # maximum number of curves in a panel that the user did not choose
 _TIMES = ("time", "t")  # names of the x axis
 NUMBERING = ("point", "seed")  # columns that number simulations: each row of such a table is the result of one
-_GROUPS = DATA_UNITS | {
-    "energy": "J",
-    "xpos": "m",
-    "speed": "m/s",
-    "com": "m",
-    "contact_force": "N",
-    "penetration": "m",
-}
 _POSITIONS = {name: "m" for name in QPOS_COMPONENTS[FREE] if not name.startswith("q")}
 PANELS = 48  # maximum number of panels that the user did not choose
 PAGE_PANELS = 12  # maximum number of panels in one column of a page
@@ -189,7 +182,7 @@ def _usual(name: str, grouped: bool) -> str:
         return _POSITIONS.get(component, "")
     if group in DOF_UNITS and component in QVEL_COMPONENTS[FREE]:
         return DOF_UNITS[group][component.startswith("w")]
-    return _GROUPS.get(group, "")
+    return DATA_UNITS.get(group) or derived_units().get(group, "")
 
 
 @dataclass(frozen=True)

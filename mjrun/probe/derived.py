@@ -5,7 +5,8 @@ translation, in world orientation, at the centre of mass of the body's kinematic
 v + w × (p − com).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from functools import cache
 
 import mujoco
 import numpy as np
@@ -160,6 +161,14 @@ DERIVED: dict[str, Callable[[mujoco.MjModel], Probe]] = {
     probe.__name__: probe
     for probe in (energy, contact, solver, speed, com, momentum, contact_force, penetration, warning)
 }
+
+
+@cache
+def derived_units() -> Mapping[str, str]:
+    """Returns the unit of each group of derived columns whose columns all have the same one."""
+    model = mujoco.MjSpec().compile()
+    units = {name: {column.unit for column in probe(model).columns} for name, probe in DERIVED.items()}
+    return {name: unit for name, (unit, *others) in units.items() if not others}
 
 
 def _velocity(fields: Fields, bodies: np.ndarray, roots: np.ndarray, points: np.ndarray) -> np.ndarray:

@@ -86,8 +86,8 @@ class FrameComposition:
 
 
 @dataclass(frozen=True)
-class FrameStream:
-    """A stream of the frames of one video: panels in colour, or the numbers of a single panel.
+class FrameSpec:
+    """The layout of the frames of one video: panels in colour, or the numbers of a single panel.
 
     Attributes:
       size: width and height of a panel [pixels].
@@ -127,7 +127,7 @@ class FrameCosts:
 
 @dataclass
 class SceneCompositor:
-    """A compositor that renders the frames of all streams for one state, one after the other, into flat bytes.
+    """A compositor that renders the frames of all videos for one state, one after the other, into flat bytes.
 
     It can be pickled while closed.
 
@@ -146,7 +146,7 @@ class SceneCompositor:
     size: tuple[int, int]
     visual: Visual
     names: Sequence[str]
-    streams: Sequence[FrameStream]
+    specs: Sequence[FrameSpec]
     poses: Sequence[Sequence[CameraPose]]
     segmentation: SegmentationIds | None
     decorations: Sequence[Decoration] = ()
@@ -165,8 +165,8 @@ class SceneCompositor:
 
     @property
     def bytes(self) -> int:
-        """The size of the frames of all streams for one state [bytes]."""
-        return sum(prod(stream.shape) * stream.dtype.itemsize for stream in self.streams)
+        """The size of the frames of all videos for one state [bytes]."""
+        return sum(prod(spec.shape) * spec.dtype.itemsize for spec in self.specs)
 
     def open(self) -> None:
         """Creates a renderer unless one is open. `CompositorPool` calls this in the process that renders."""
@@ -194,11 +194,11 @@ class SceneCompositor:
         self.ranges = [depth_range([seen.depth for seen in frames]) for frames in zip(*by_frame, strict=True)]
 
     def compose(self, state: np.ndarray, index: int, into: np.ndarray) -> None:
-        """Fills `into`, `bytes` long, with the frames of all streams, laid out as in `parts`."""
+        """Fills `into`, `bytes` long, with the frames of all specs, laid out as in `parts`."""
         start = time.perf_counter()
         views = self.render(state, index)
-        for stream, part in zip(self.streams, self.parts(into), strict=True):
-            part[:] = self.frame(stream, views, index)
+        for spec, part in zip(self.specs, self.parts(into), strict=True):
+            part[:] = self.frame(spec, views, index)
         self._frame_cost = time.perf_counter() - start
 
     def costs(self) -> FrameCosts:
@@ -214,11 +214,11 @@ class SceneCompositor:
             self._open_renderer = None
 
     def parts(self, frames: np.ndarray) -> list[np.ndarray]:
-        """Returns a view of each stream's frame in the flat bytes that `compose` fills."""
+        """Returns a view of each frame in the flat bytes that `compose` fills."""
         parts, start = [], 0
-        for stream in self.streams:
-            end = start + prod(stream.shape) * stream.dtype.itemsize
-            parts.append(frames[start:end].view(stream.dtype).reshape(stream.shape))
+        for spec in self.specs:
+            end = start + prod(spec.shape) * spec.dtype.itemsize
+            parts.append(frames[start:end].view(spec.dtype).reshape(spec.shape))
             start = end
         return parts
 
@@ -228,21 +228,21 @@ class SceneCompositor:
         self._open_renderer.set_state(widened(self.model, state), index)
         by_camera = []
         for camera, pose in enumerate(self.poses[index]):
-            shown = [panel.view for stream in self.streams for panel in stream.panels if panel.camera == camera]
+            shown = [panel.view for spec in self.specs for panel in spec.panels if panel.camera == camera]
             seen = self._open_renderer.render(pose, shown if views is None else views)
             # Colours must survive the next call, and are drawn on.
             by_camera.append(seen if seen.rgb is None else replace(seen, rgb=np.array(seen.rgb)))
         return by_camera
 
-    def frame(self, stream: FrameStream, views: Sequence[CameraImages], index: int) -> np.ndarray:
-        """Composes the frame of `stream` from the view of each camera."""
-        if stream.exact:
-            (panel,) = stream.panels
+    def frame(self, spec: FrameSpec, views: Sequence[CameraImages], index: int) -> np.ndarray:
+        """Composes the frame that `spec` describes from the view of each camera."""
+        if spec.exact:
+            (panel,) = spec.panels
             return _numbers(panel, views[panel.camera])
 
-        composition, overlay = stream.composition, stream.composition.overlay
-        panels = [self._colored(panel, views[panel.camera], composition.legend) for panel in stream.panels]
-        captions = [self.caption(panel) for panel in stream.panels] if composition.captions else None
+        composition, overlay = spec.composition, spec.composition.overlay
+        panels = [self._colored(panel, views[panel.camera], composition.legend) for panel in spec.panels]
+        captions = [self.caption(panel) for panel in spec.panels] if composition.captions else None
         frame = compose_panels(panels, composition.layout, captions) if len(panels) > 1 or captions else panels[0]
 
         for decoration in self.decorations:
@@ -255,8 +255,8 @@ class SceneCompositor:
         return frame
 
     def caption(self, panel: CameraPanel) -> str:
-        """Returns the caption of a panel: its camera, and its view if streams show several views."""
-        several = len({other.view for stream in self.streams for other in stream.panels}) > 1
+        """Returns the caption of a panel: its camera, and its view if the frames show several views."""
+        several = len({other.view for spec in self.specs for other in spec.panels}) > 1
         return f"{self.names[panel.camera]} · {NAMES[panel.view]}" if several else self.names[panel.camera]
 
     def _colored(self, panel: CameraPanel, seen: CameraImages, with_legend: bool) -> np.ndarray:

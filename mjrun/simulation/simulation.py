@@ -232,18 +232,18 @@ class Simulation(SimulationOptions):
         """Path, size and hash of the document of a task and of each of `tables` at its first use."""
         return [{**fingerprint(self._stored(path)), "path": str(path)} for path in self._listed]
 
-    def versions(self) -> dict[Path, list[int] | None]:
+    def file_versions(self) -> dict[Path, list[int] | None]:
         """Returns the present version of each file of `fingerprints`."""
         return {path: file_version(str(self._stored(path))) for path in self._listed}
 
-    def require_versions(self, versions: Mapping[Path, list[int] | None]) -> None:
+    def require_unchanged_files(self, versions: Mapping[Path, list[int] | None]) -> None:
         """Requires that no file of `fingerprints`, which are determined now, has changed since it had these versions.
 
         Raises:
           FileError: a file has changed; it is unknown which of its contents was read.
         """
         _ = self.fingerprints
-        for path, version in self.versions().items():
+        for path, version in self.file_versions().items():
             if versions.get(path) != version:
                 raise FileError(path, "has changed while it was read", hint="run the command again")
 

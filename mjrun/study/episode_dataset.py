@@ -37,6 +37,7 @@ from mjrun.options.datasets import EXTRAS, KEYFRAMES, UNUSED, EpisodeDatasetOpti
 from mjrun.options.option import is_given, options, values_of
 from mjrun.options.rendering import SceneOptions, ViewOptions
 from mjrun.options.sweep import PARTS, ExecutionOptions
+from mjrun.options.video import FPS
 from mjrun.outputs.exports import export_format
 from mjrun.outputs.frame_drawing import check_drawing
 from mjrun.outputs.recorded_scene import camera_motions
@@ -60,7 +61,6 @@ from mjrun.version import __version__
 SCHEMA = "mjrun-episodes-1"
 OWN, MANIFEST = "mjrun", "mjrun/dataset.json"  # folder and file of the dataset that belong to mjrun
 KEY = "key"  # file of an episode that waits, written last
-FPS = Fraction(30)  # rows per second without a policy
 POLICY_EPISODES = 10
 RATES = 6  # that a message lists
 

@@ -121,9 +121,9 @@ def test_only_panels_of_numbers_are_exact(values: dict[str, object], exact: list
     files = panel_files(options, "v.mkv")
     assert [file.exact for file in files] == exact
     for file in files:
-        stream = file.stream(options, TextAndLivePlots(texts=["hello"]))
-        assert stream.dtype == (np.uint16 if file.exact else np.uint8)
-        assert bool(stream.composition.overlay.texts) != file.exact
+        spec = file.frame_spec(options, TextAndLivePlots(texts=["hello"]))
+        assert spec.dtype == (np.uint16 if file.exact else np.uint8)
+        assert bool(spec.composition.overlay.texts) != file.exact
 
 
 def test_numbers_cannot_share_a_frame_and_several_files_not_one_pipe() -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from mjrun.errors import BadValueError, NoRendererError, spelled
 from mjrun.outputs import frame_drawing
-from mjrun.outputs.frame_drawing import estimated_cost, jobs_for, open_frames, plan_frames
+from mjrun.outputs.frame_drawing import estimated_cost, jobs_for, open_frame_recorder, plan_frames
 from mjrun.outputs.output import PassContext, RenderingResources
 from mjrun.outputs.video import Video, VideoResult
 from mjrun.rendering import compositor_pool
@@ -198,6 +198,6 @@ def test_processes_start_before_the_backend_is_known_where_no_gpu_can_draw(
     context = PassContext(simulation, model, simulation.timeline(model), PythonApiReporter())
     plan = plan_frames(video, context)
     with ExitStack() as stack, pytest.raises(NoRendererError):
-        open_frames(
+        open_frame_recorder(
             plan, video.schedule_frames(plan.scene, {}), video.encoded_files, stack, RenderingResources(), asked
         )

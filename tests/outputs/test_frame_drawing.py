@@ -17,7 +17,7 @@ from mjrun.outputs.frame_drawing import (
     check_drawing,
     check_view,
     frame_compositor,
-    open_frames,
+    open_frame_recorder,
     plan_frames,
 )
 from mjrun.outputs.output import PassContext, RenderingResources
@@ -72,7 +72,7 @@ def test_what_frames_are_drawn_from_is_taken_at_their_steps(swing: Path, tmp_pat
         plan = plan_frames(job, context, job.plot, job.plot_side)
         schedule = job.schedule_frames(plan.scene, {})
         backends = stack.enter_context(closing(RenderingResources()))
-        frames = open_frames(plan, schedule, job.encoded_files, stack, backends)
+        frames = open_frame_recorder(plan, schedule, job.encoded_files, stack, backends)
         run_with_taps(PhysicsStepper(model, data), frames.taps, 50)
         scene = frames.place()
         assert list(scene.times) == [k / 50 for k in range(5)]
@@ -91,9 +91,9 @@ def test_what_frames_are_drawn_from_is_taken_at_their_steps(swing: Path, tmp_pat
             assert np.allclose(np.abs(tracking.rotation.T @ away), np.array([0, 0, np.linalg.norm(away)]), atol=1e-6)
             heights.append(data.qpos[3])
             mujoco.mj_step(model, data, nstep=10)
-        (stream,) = frame_compositor(frames, scene).streams
-    assert stream.composition.overlay.texts == [f"{height:.17g} {k}" for k, height in enumerate(heights)]
-    assert stream.composition.overlay.plots == [live_plot_size((SIZE[0] * 2 + 2, SIZE[1]))]
+        (spec,) = frame_compositor(frames, scene).specs
+    assert spec.composition.overlay.texts == [f"{height:.17g} {k}" for k, height in enumerate(heights)]
+    assert spec.composition.overlay.plots == [live_plot_size((SIZE[0] * 2 + 2, SIZE[1]))]
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ from mjrun.rendering.colormaps import colors_of, colour_bar, depth_colors, seg_c
 from mjrun.rendering.compositor import (
     CameraPanel,
     FrameComposition,
-    FrameStream,
+    FrameSpec,
     SceneCompositor,
     TextAndLivePlots,
     compose_panels,
@@ -49,16 +49,16 @@ class Swing:
             self.instants.append(data)
         self.states = [save(self.model, data) for data in self.instants]
 
-    def compositor(self, *streams: FrameStream, **changes: object) -> SceneCompositor:
+    def compositor(self, *specs: FrameSpec, **changes: object) -> SceneCompositor:
         motions = [BoundCameraScript(parse_camera(name, self.model), self.model, SIZE) for name in CAMERAS]
         poses = [[motion.pose(state) for motion in motions] for state in self.states]
         compositor = SceneCompositor(
-            self.model, self.backend, SIZE, Visual(), CAMERAS, streams, poses, SegmentationIds(self.model)
+            self.model, self.backend, SIZE, Visual(), CAMERAS, specs, poses, SegmentationIds(self.model)
         )
         return replace(compositor, **changes)  # type: ignore[arg-type]
 
     def frames(self, compositor: SceneCompositor, index: int = 0) -> list[np.ndarray]:
-        """The frame of each stream at an instant."""
+        """The frame of each spec at an instant."""
         flat = np.zeros(compositor.bytes, np.uint8)
         compositor.open()
         compositor.compose(self.states[index], index, flat)
@@ -70,8 +70,8 @@ def scene(swing: Path, backend: WorkingBackend) -> Swing:
     return Swing(swing, backend)
 
 
-def stream(*panels: CameraPanel, exact: bool = False, **style: object) -> FrameStream:
-    return FrameStream(panels, SIZE, FrameComposition(**style), exact)  # type: ignore[arg-type]
+def spec(*panels: CameraPanel, exact: bool = False, **style: object) -> FrameSpec:
+    return FrameSpec(panels, SIZE, FrameComposition(**style), exact)  # type: ignore[arg-type]
 
 
 # --- sizes ------------------------------------------------------------------------------------------
@@ -82,7 +82,7 @@ def test_a_frame_is_as_large_as_its_panels_composed_and_its_plots(layout: str, c
     height, width = compose_panels([np.zeros((SIZE[1], SIZE[0], 3), np.uint8)] * count, layout).shape[:2]
     plots = [(30, 7), (30, 11)]
     overlay = TextAndLivePlots(plots=plots, side=side)
-    frames = stream(*[RGB] * count, layout=layout, overlay=overlay)
+    frames = spec(*[RGB] * count, layout=layout, overlay=overlay)
     expected = (height + 18, width) if side == "under" else (height, width + 60)
     assert frames.shape == (*expected, 3)
     assert frames.size_of_frame == (expected[1], expected[0])
@@ -90,10 +90,10 @@ def test_a_frame_is_as_large_as_its_panels_composed_and_its_plots(layout: str, c
 
 
 def test_the_frames_of_all_streams_share_flat_bytes_without_overlap(scene: Swing) -> None:
-    compositor = scene.compositor(stream(RGB), stream(DEPTH, exact=True), stream(RGB, SEG, layout="column"))
+    compositor = scene.compositor(spec(RGB), spec(DEPTH, exact=True), spec(RGB, SEG, layout="column"))
     flat = np.zeros(compositor.bytes, np.uint8)
     parts = compositor.parts(flat)
-    assert [(part.shape, part.dtype) for part in parts] == [(s.shape, s.dtype) for s in compositor.streams]
+    assert [(part.shape, part.dtype) for part in parts] == [(s.shape, s.dtype) for s in compositor.specs]
     assert sum(part.nbytes for part in parts) == flat.nbytes
     for part in parts:
         part[...] = 1
@@ -106,7 +106,7 @@ def test_the_frames_of_all_streams_share_flat_bytes_without_overlap(scene: Swing
 def test_colours_are_those_of_mujoco_s_renderer_whatever_other_streams_show(
     scene: Swing, still: Callable[..., np.ndarray]
 ) -> None:
-    compositor = scene.compositor(stream(RGB), stream(RGB, CameraPanel(1, "rgb")), stream(SEG, exact=True))
+    compositor = scene.compositor(spec(RGB), spec(RGB, CameraPanel(1, "rgb")), spec(SEG, exact=True))
     # Before the compositor opens: MuJoCo's renderer leaves its own OpenGL context current.
     expected = [[still(scene.model, data, SIZE, camera) for camera in ("side", -1)] for data in scene.instants]
     for index, (side, free) in enumerate(expected):
@@ -117,7 +117,7 @@ def test_colours_are_those_of_mujoco_s_renderer_whatever_other_streams_show(
 
 
 def test_numbers_are_millimetres_and_ids_plus_one(scene: Swing) -> None:
-    compositor = scene.compositor(stream(DEPTH, exact=True), stream(SEG, exact=True))
+    compositor = scene.compositor(spec(DEPTH, exact=True), spec(SEG, exact=True))
     depth, segments = scene.frames(compositor)
     (seen, _) = compositor.render(scene.states[0], 0, ["depth", "seg"])
     compositor.close()
@@ -130,7 +130,7 @@ def test_numbers_are_millimetres_and_ids_plus_one(scene: Swing) -> None:
 
 def test_coloured_depth_and_segments_are_their_numbers_through_the_maps(scene: Swing) -> None:
     ranges = [(1.0, 3.0), (1.0, 3.0)]
-    compositor = scene.compositor(stream(DEPTH), stream(SEG), ranges=ranges)
+    compositor = scene.compositor(spec(DEPTH), spec(SEG), ranges=ranges)
     depth, segments = scene.frames(compositor)
     (seen, _) = compositor.render(scene.states[0], 0, ["depth", "seg"])
     compositor.close()
@@ -143,7 +143,7 @@ def test_coloured_depth_and_segments_are_their_numbers_through_the_maps(scene: S
 
 
 def test_looking_ahead_finds_a_range_of_depth_that_holds_what_each_camera_sees(scene: Swing) -> None:
-    compositor = scene.compositor(stream(DEPTH))
+    compositor = scene.compositor(spec(DEPTH))
     compositor.open()
     compositor.choose_ranges(dict(enumerate(scene.states)))
     for camera, (near, far) in enumerate(compositor.ranges):
@@ -162,25 +162,25 @@ def test_looking_ahead_finds_a_range_of_depth_that_holds_what_each_camera_sees(s
 
 
 @pytest.mark.parametrize(
-    ("streams", "captions"),
+    ("specs", "captions"),
     [
-        ([stream(RGB)], ["side"]),
-        ([stream(RGB, CameraPanel(1, "rgb"))], ["side", "free"]),
-        ([stream(RGB, CameraPanel(1, "depth"))], ["side · colour", "free · depth"]),
-        ([stream(SEG), stream(RGB)], ["side · segmentation"]),
+        ([spec(RGB)], ["side"]),
+        ([spec(RGB, CameraPanel(1, "rgb"))], ["side", "free"]),
+        ([spec(RGB, CameraPanel(1, "depth"))], ["side · colour", "free · depth"]),
+        ([spec(SEG), spec(RGB)], ["side · segmentation"]),
     ],
 )
 def test_captions_name_the_camera_and_the_view_where_there_are_several(
-    scene: Swing, streams: list[FrameStream], captions: list[str]
+    scene: Swing, specs: list[FrameSpec], captions: list[str]
 ) -> None:
-    compositor = scene.compositor(*streams)
-    assert [compositor.caption(panel) for panel in streams[0].panels] == captions
+    compositor = scene.compositor(*specs)
+    assert [compositor.caption(panel) for panel in specs[0].panels] == captions
 
 
 def test_captions_and_text_are_stamped_on_the_plain_frame(scene: Swing) -> None:
     texts = ["first", "second"]
     overlay = TextAndLivePlots(texts=texts, corner="bottom-right")
-    compositor = scene.compositor(stream(RGB), stream(RGB, captions=True), stream(RGB, overlay=overlay))
+    compositor = scene.compositor(spec(RGB), spec(RGB, captions=True), spec(RGB, overlay=overlay))
     for index, text in enumerate(texts):
         plain, captioned, written = scene.frames(compositor, index)
         expected = plain.copy()
@@ -198,8 +198,8 @@ class Bar(Decoration):
 
 
 def test_decorations_draw_over_the_panels_of_a_frame_in_colour(scene: Swing) -> None:
-    streams = stream(RGB, CameraPanel(1, "rgb")), stream(SEG), stream(DEPTH, exact=True)
-    plain, drawn = (scene.compositor(*streams, ranges=[(1, 3)] * 2, decorations=each) for each in ([], [Bar()]))
+    specs = spec(RGB, CameraPanel(1, "rgb")), spec(SEG), spec(DEPTH, exact=True)
+    plain, drawn = (scene.compositor(*specs, ranges=[(1, 3)] * 2, decorations=each) for each in ([], [Bar()]))
     for index in range(len(ANGLES)):
         expected = scene.frames(plain, index)
         for frame in expected[:2]:
@@ -218,7 +218,7 @@ class Stripes:
 
 def test_plots_are_drawn_under_the_frame_at_its_time(scene: Swing) -> None:
     overlay = TextAndLivePlots(plots=[(SIZE[0], 5)], live_plots=[Stripes()], times=[0.5, 1.5])  # type: ignore[list-item]
-    compositor = scene.compositor(stream(RGB), stream(RGB, overlay=overlay))
+    compositor = scene.compositor(spec(RGB), spec(RGB, overlay=overlay))
     for index, brightness in enumerate((50, 150)):
         plain, plotted = scene.frames(compositor, index)
         assert np.array_equal(plotted[: SIZE[1]], plain)
@@ -228,8 +228,8 @@ def test_plots_are_drawn_under_the_frame_at_its_time(scene: Swing) -> None:
 
 def test_a_legend_names_what_is_in_view_and_leaves_the_rest_as_it_is(scene: Swing) -> None:
     large = (320, 240)
-    streams = [FrameStream([SEG], large, FrameComposition(legend=legend)) for legend in (False, True)]
-    compositor = scene.compositor(*streams, size=large)
+    specs = [FrameSpec([SEG], large, FrameComposition(legend=legend)) for legend in (False, True)]
+    compositor = scene.compositor(*specs, size=large)
     plain, keyed = scene.frames(compositor)
     compositor.close()
     changed = (plain != keyed).any(axis=2)
@@ -243,7 +243,7 @@ def test_a_legend_names_what_is_in_view_and_leaves_the_rest_as_it_is(scene: Swin
 
 def test_a_compositor_that_has_drawn_is_the_same_in_another_process(scene: Swing) -> None:
     ghost = Ghost(scene.model, scene.states[::-1], offset=(0.0, 0.5, 0.0))
-    compositor = scene.compositor(stream(RGB), stream(DEPTH), stream(SEG), decorations=[ghost])
+    compositor = scene.compositor(spec(RGB), spec(DEPTH), spec(SEG), decorations=[ghost])
     compositor.open()
     compositor.choose_ranges({0: scene.states[0]})
     here = [scene.frames(compositor, index) for index in range(2)]
@@ -253,14 +253,14 @@ def test_a_compositor_that_has_drawn_is_the_same_in_another_process(scene: Swing
     again.close()
     for mine, theirs in zip(here, there, strict=True):
         assert all(np.array_equal(*pair) for pair in zip(mine, theirs, strict=True))
-    plain = scene.compositor(stream(RGB))
+    plain = scene.compositor(spec(RGB))
     assert not np.array_equal(here[0][0], scene.frames(plain)[0])
     plain.close()
 
 
 @pytest.mark.parametrize("quality", ["model", "draft"])
 def test_costs_are_wall_times_and_a_draft_of_a_draft_is_none(scene: Swing, quality: str) -> None:
-    compositor = scene.compositor(stream(RGB), visual=Visual(quality=quality))
+    compositor = scene.compositor(spec(RGB), visual=Visual(quality=quality))
     scene.frames(compositor)
     costs = compositor.costs()
     compositor.close()

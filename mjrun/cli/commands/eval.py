@@ -85,7 +85,7 @@ def _evaluation(console: Console, command_line: ParsedCommandLine) -> "tuple[Eva
     from mjrun.document.evaluation import evaluated_task, read_evaluation
     from mjrun.document.reader import KINDS, kind_of_file
     from mjrun.evaluation.evaluation import Evaluation
-    from mjrun.model.sources import names_task
+    from mjrun.model.sources import is_task_name
 
     path, assignments = command_line.argument("task"), command_line.arguments("assignments")
     command_line = with_camera_scripts(command_line)
@@ -93,7 +93,7 @@ def _evaluation(console: Console, command_line: ParsedCommandLine) -> "tuple[Eva
         values = command_line.explicit(EvaluationOptions, ExecutionOptions)
         request = read_evaluation(path, assignments, values=values, command=console.command)
         return request.made, request.changes, request.located
-    if not names_task(path):
+    if not is_task_name(path):
         refuse_assignments(path, assignments)
     task, rewritten = evaluated_task(path, assignments)
     command_line = command_line.with_defaults(output=f"{task.stem}_eval")

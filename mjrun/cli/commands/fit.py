@@ -76,9 +76,9 @@ def _fit(command_line: ParsedCommandLine) -> "tuple[Fit, AbstractContextManager[
 
     model, data = command_line.argument("model"), command_line.arguments("tables")
     if not is_yaml(model):
-        from mjrun.model.sources import names_model
+        from mjrun.model.sources import is_model_name
 
-        if not names_model(model) and (models := [*filter(names_model, data)]):
+        if not is_model_name(model) and (models := [*filter(is_model_name, data)]):
             files = clean(" ".join([models[0], model]))
             raise UsageError(f"{clean(model)} is not a model; the model precedes the tables: mjrun fit {files}")
         if not data and command_line.value("excite") is None:

@@ -71,10 +71,10 @@ def info(console: Console, command_line: ParsedCommandLine) -> None:
         show_columns(console, source(command_line))
         return
     from mjrun.model.info import Info, InfoResult
-    from mjrun.model.sources import listed_collection, names_task
+    from mjrun.model.sources import is_task_name, listed_collection
 
     model = command_line.argument("model")
-    if names_task(model) or (sections and model.startswith(ENVIRONMENT) and set(sections) <= {*TASK_SECTIONS}):
+    if is_task_name(model) or (sections and model.startswith(ENVIRONMENT) and set(sections) <= {*TASK_SECTIONS}):
         _show_task(console, command_line, sections)
         return
     if not sections and (collection := listed_collection(model)):

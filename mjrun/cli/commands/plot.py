@@ -69,10 +69,10 @@ def plot(console: Console, command_line: ParsedCommandLine) -> None:
     Tables may have any number of rows: for each pixel, the lowest and the highest value are drawn.
     """
     import_mujoco()
-    from mjrun.model.sources import names_model
+    from mjrun.model.sources import is_model_name
 
     tables = command_line.arguments("tables")
-    if any(map(names_model, tables)):
+    if any(map(is_model_name, tables)):
         _plot_simulation(console, command_line, tables)
     else:
         _plot_tables(console, command_line, tables)

@@ -51,13 +51,13 @@ def run(console: Console, command_line: ParsedCommandLine) -> None:
     form = command_line.form(*REPORT_FORMATS)
     import_mujoco()
     from mjrun.document.run import read_run
-    from mjrun.model.sources import names_model
+    from mjrun.model.sources import is_model_name
     from mjrun.outputs.perform import perform, preview
     from mjrun.outputs.up_to_date_check import UpToDateCheck
 
     options = command_line.with_converted("controller", load_controller).make(RunCommandOptions)
     document, assignments = command_line.argument("document"), command_line.arguments("assignments")
-    if not is_yaml(document) and names_model(document):
+    if not is_yaml(document) and is_model_name(document):
         advice = f"`mjrun video {clean(document)}` makes a video of it, and with {option('print_document')} a document"
         raise UsageError(f"{clean(document)} is a model, not a document\n{advice}")
     request = read_run(document, assignments, options, console.command)

@@ -78,14 +78,14 @@ def demonstration_in(model: ModelLike) -> str | None:
     return source.text if isinstance(source, DemonstrationSource) else None
 
 
-def names_task(text: str) -> bool:
+def is_task_name(text: str) -> bool:
     """Returns whether `text` names a task: a document, by its suffix, or a bundled scene."""
     if is_file(text):
         return is_yaml(text)
     return bundled_task(text) is not None
 
 
-def names_model(text: str) -> bool:
+def is_model_name(text: str) -> bool:
     """Returns whether `text` names a model or a task, rather than a table.
 
     It does so by its suffix, in a collection, or as a demonstration.

@@ -15,7 +15,7 @@ from mjrun.confinement.confinement import OUTSIDE, advice, is_readable
 from mjrun.dataclass import dataclass
 from mjrun.errors import BrokenModelError, FileError, MjrunError, ModelError, clean, counted, option, quoted
 from mjrun.hdf5.demonstration_list import DemonstrationFileOrigin, DemonstrationList
-from mjrun.model.compilation import compile_spec, load_confined, refusals_named
+from mjrun.model.compilation import compile_spec, load_respecting_confinement, model_errors
 from mjrun.model.model_files import AbsolutePathMjcf, file_content, installed_packages, packages_in, placed
 from mjrun.model.override import ASSETS
 from mjrun.model.source import ModelSource
@@ -157,7 +157,7 @@ class DemonstrationSource(ModelSource):
             return self._model()[0].text.decode("utf-8", "replace")
 
     def compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
-        return load_confined(self._compile)
+        return load_respecting_confinement(self._compile)
 
     def _compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
         name = Path(self.text)
@@ -171,7 +171,7 @@ class DemonstrationSource(ModelSource):
             f"`mjrun info {shown} --xml > fixed.xml` writes its MJCF, `mjrun check --fix fixed.xml` corrects what is "
             f"certain, and {option('replay')} {shown} replays the states on the corrected model"
         )
-        with refusals_named(name, advice), parsing_checked(self.path, model.text, str(self.path), overrides):
+        with model_errors(name, advice), parsing_checked(self.path, model.text, str(self.path), overrides):
             spec = mujoco.MjSpec.from_string(text)
         return compile_spec(spec, overrides, name, advice)
 

@@ -24,7 +24,14 @@ from mjrun.dataclass import dataclass
 from mjrun.decompression_limits import HINT, excess
 from mjrun.errors import BrokenModelError, CompiledOverrideError, ModelNotFoundError, clean, option, quoted
 from mjrun.model import model_files
-from mjrun.model.compilation import FAULTS, broken_model, check_model, compile_spec, load_confined, refusals_named
+from mjrun.model.compilation import (
+    FAULTS,
+    broken_model,
+    check_model,
+    compile_spec,
+    load_respecting_confinement,
+    model_errors,
+)
 from mjrun.model.model_files import (
     existing_files,
     file_content,
@@ -82,7 +89,7 @@ class FileSource(ModelSource):
         return replace(self, path=place(self.path), label=self.text)
 
     def compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
-        return load_confined(self._compile)
+        return load_respecting_confinement(self._compile)
 
     def _compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
         self._check_file()
@@ -90,7 +97,7 @@ class FileSource(ModelSource):
             return None, self._load_compiled()
         name = Path(self.text)
         advice = f"mjrun check {clean(shlex.quote(self.text))} shows the place and a remedy"
-        with refusals_named(name, advice):
+        with model_errors(name, advice):
             text, main = model_files.main_text(self.path)
             with parsing_checked(self.path, text, main, self.overrides):
                 spec = self._parse()

@@ -10,7 +10,7 @@ import mujoco
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import BrokenModelError, MjrunError, UsageError
-from mjrun.model.compilation import compile_spec, load_confined, refusals_named
+from mjrun.model.compilation import compile_spec, load_respecting_confinement, model_errors
 from mjrun.model.model_files import existing_files
 from mjrun.model.source import ModelSource
 from mjrun.model.sources.file import FileSource, parsing_checked
@@ -54,10 +54,10 @@ class StdinSource(ModelSource):
 
     def compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
         xml = self._read()
-        return load_confined(lambda: self._compile(xml))
+        return load_respecting_confinement(lambda: self._compile(xml))
 
     def _compile(self, xml: str) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
-        with refusals_named(LABEL), parsing_checked(LABEL, xml.encode(), str(LABEL), self.overrides):
+        with model_errors(LABEL), parsing_checked(LABEL, xml.encode(), str(LABEL), self.overrides):
             spec = mujoco.MjSpec.from_string(xml)
         return compile_spec(spec, self.overrides, LABEL)
 

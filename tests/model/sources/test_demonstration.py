@@ -13,7 +13,7 @@ import pytest
 from mjrun.confinement.confinement import VARIABLE, Confinement
 from mjrun.errors import BrokenModelError, FileError, ModelError, UsageError
 from mjrun.model.override import Override
-from mjrun.model.sources import demonstration_in, is_file, names_model, parse_source, source_of
+from mjrun.model.sources import demonstration_in, is_file, is_model_name, parse_source, source_of
 from mjrun.model.sources.demonstration import (
     HIDDEN_IN_ROBOSUITE,
     DemonstrationSource,
@@ -42,7 +42,7 @@ def test_a_source_names_a_file_and_an_episode(tmp_path: Path) -> None:
     [("d.hdf5:demo_1", True, True), ("d.h5", True, False), ("d.xml:a", True, False), ("scene:dominos", False, True)],
 )
 def test_a_file_alone_may_be_a_table(text: str, file: bool, model: bool) -> None:
-    assert (is_file(text), names_model(text)) == (file, model)
+    assert (is_file(text), is_model_name(text)) == (file, model)
 
 
 def test_the_model_is_the_text_within_the_file(tmp_path: Path) -> None:
