@@ -38,8 +38,8 @@ from unittest.mock import patch
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.formats.destinations import StagedFile
 from mjrun.formats.local_and_remote_folders import LocalFolder
+from mjrun.formats.output_writer import StagedFile
 from mjrun.study import executors
 from mjrun.study.job_plan import task_blocks, task_points
 from mjrun.study.leases import BEAT, POLL, Leases, PointLeaser

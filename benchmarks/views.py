@@ -19,8 +19,7 @@ from mjrun.camera.script import parse_camera
 from mjrun.camera.script_poses import BoundCameraScript
 from mjrun.rendering.backend import BackendDetector, WorkingBackend
 from mjrun.rendering.classic import ClassicRenderer
-from mjrun.rendering.segmentation import SegmentationIds
-from mjrun.rendering.visual import Visual
+from mjrun.rendering.visual import SegmentationIds, Visual
 from mjrun.simulation.simulation import Simulation
 
 ROOT = Path(__file__).resolve().parents[1]

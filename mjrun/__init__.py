@@ -55,7 +55,7 @@ _HOMES = {
     "RecordingResult": "mjrun.outputs.recording",
     "Reset": "mjrun.task.task",
     "Reward": "mjrun.task.task",
-    "SegmentationIds": "mjrun.rendering.segmentation",
+    "SegmentationIds": "mjrun.rendering.visual",
     "Simulation": "mjrun.simulation.simulation",
     "Study": "mjrun.study.study",
     "StudyResult": "mjrun.study.study",
@@ -67,7 +67,7 @@ _HOMES = {
     "Trace": "mjrun.outputs.trace",
     "TraceResult": "mjrun.outputs.trace",
     "VariedPlot": "mjrun.study.varied_plot",
-    "VerificationResult": "mjrun.simulation.verification",
+    "VerificationResult": "mjrun.simulation.manifest",
     "Video": "mjrun.outputs.video",
     "VideoResult": "mjrun.outputs.video",
     "Viewer": "mjrun.viewer.viewer",
@@ -82,12 +82,12 @@ _HOMES = {
     "read_camera": "mjrun.document.camera_and_ghost_forms",
     "read_table": "mjrun.plotting.table_figure",
     "read_task": "mjrun.document.task",
-    "read_video": "mjrun.formats.video_reader",
+    "read_video": "mjrun.formats.image_and_video_reader",
     "render": "mjrun.rendering.single_render",
     "sweep": "mjrun.in_memory",
     "trace": "mjrun.in_memory",
-    "verify": "mjrun.simulation.verification",
-    "write_video": "mjrun.formats.video_writer",
+    "verify": "mjrun.simulation.manifest",
+    "write_video": "mjrun.formats.ffmpeg",
 }
 
 __all__ = ["__version__", *_HOMES]  # pyright: ignore[reportUnsupportedDunderAll]

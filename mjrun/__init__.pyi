@@ -22,8 +22,8 @@ from mjrun.evaluation.evaluation import Evaluation as _Evaluation
 from mjrun.evaluation.evaluation import EvaluationResult as EvaluationResult
 from mjrun.fitting.fit import Fit as _Fit
 from mjrun.fitting.result import FitResult as FitResult
-from mjrun.formats.video_reader import read_video as read_video
-from mjrun.formats.video_writer import write_video as write_video
+from mjrun.formats.ffmpeg import write_video as write_video
+from mjrun.formats.image_and_video_reader import read_video as read_video
 from mjrun.model.info import Info as Info
 from mjrun.model.info import InfoResult as InfoResult
 from mjrun.model.source import ModelSource
@@ -54,13 +54,13 @@ from mjrun.plotting.table_figure import read_table as read_table
 from mjrun.policy.load import load_policy as load_policy
 from mjrun.policy.policy import ActionSpace as ActionSpace
 from mjrun.policy.policy import Policy as Policy
-from mjrun.rendering.segmentation import SegmentationIds as SegmentationIds
 from mjrun.rendering.single_render import render as render
+from mjrun.rendering.visual import SegmentationIds as SegmentationIds
 from mjrun.rendering.visual import Visual as Visual
 from mjrun.simulation.input_snapshot import InputSnapshot
+from mjrun.simulation.manifest import VerificationResult as VerificationResult
+from mjrun.simulation.manifest import verify as verify
 from mjrun.simulation.simulation import Simulation as _Simulation
-from mjrun.simulation.verification import VerificationResult as VerificationResult
-from mjrun.simulation.verification import verify as verify
 from mjrun.study.episode_dataset import EpisodeDataset as _EpisodeDataset
 from mjrun.study.episode_dataset import EpisodeDatasetResult as EpisodeDatasetResult
 from mjrun.study.image_dataset import Dataset as _Dataset

@@ -23,9 +23,8 @@ from typing import IO, Literal, NoReturn
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import FileError
-from mjrun.interruption import uninterrupted
 from mjrun.platform import system
-from mjrun.shared_status import note_child, note_end_of_child, record_status_in
+from mjrun.shared_status import note_child, note_end_of_child, record_status_in, uninterrupted
 
 STDOUT_LIMIT = 2**24  # bytes of captured output that are kept, from its beginning
 STDERR_LIMIT = 2**16  # bytes of captured messages that are kept, from their end: the last line gives the reason

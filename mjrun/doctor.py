@@ -19,7 +19,7 @@ from mjrun.dataclass import dataclass
 from mjrun.diff import images_and_videos
 from mjrun.formats.ffmpeg import encoder_version, working_codecs
 from mjrun.formats.tables import FORMATS
-from mjrun.model import known_bugs
+from mjrun.model.source import bugs_of_version
 from mjrun.model.sources import model_collections
 from mjrun.options import check, datasets, evaluation, fit, sweep, task
 from mjrun.outputs import exports
@@ -107,7 +107,7 @@ def examine(spelling: errors.Spelling = str) -> DoctorReport:
 
 def _versions() -> list[ComponentState]:
     version = mujoco.mj_versionString()
-    known = known_bugs.bugs_of_version(version)
+    known = bugs_of_version(version)
     system = f"{platform.system()} {platform.machine()}, {errors.counted(available_cores(), 'core')}"
     versions = [
         ComponentState("software", "mujoco", WARNING if known else OK, version, "; ".join(known)),

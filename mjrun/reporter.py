@@ -3,11 +3,10 @@
 import sys
 import time
 import warnings
-from collections.abc import Iterable
 from importlib import import_module
 from typing import Any, Protocol
 
-from mjrun.errors import MjrunWarning, clean, spelled
+from mjrun.errors import MjrunWarning, spelled
 
 
 class Reporter(Protocol):
@@ -75,9 +74,3 @@ def is_notebook() -> bool:
     """Returns whether this process is the kernel of a notebook."""
     library = sys.modules.get("IPython")
     return library is not None and hasattr(library.get_ipython(), "kernel")
-
-
-def pass_on(heard: Iterable[str], reporter: Reporter) -> None:
-    """Reports MuJoCo's warnings to `reporter`, one per line."""
-    for text in heard:
-        reporter.warn(f"MuJoCo: {clean('; '.join(text.splitlines()))}")

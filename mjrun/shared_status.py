@@ -1,5 +1,7 @@
 """The activity of this process, in shared memory that another process can read after this one has died.
 
+Sections of the process that signals to end it must not interrupt are part of its activity.
+
 Without such memory, as in programs that import mjrun, nothing is recorded. A process that is about to confine itself
 makes a promise, which its parent records at once: later contents of the memory may come from an attacker.
 
@@ -258,3 +260,32 @@ def _changed_status() -> Generator[ProcessStatus]:
         yield _status
         if _memory:
             _memory.write(_status)
+
+
+_depth = 0
+_waiting: BaseException | None = None
+
+
+@contextmanager
+def uninterrupted() -> Generator[None]:
+    """Delays errors from `interrupt` to the end of the `with` block, which should be short."""
+    global _depth, _waiting
+    if threading.current_thread() is not threading.main_thread():  # handlers of signals run in the main thread
+        yield
+        return
+    _depth += 1
+    try:
+        yield
+    finally:
+        _depth -= 1
+        if not _depth and _waiting is not None:
+            error, _waiting = _waiting, None
+            raise error
+
+
+def interrupt(error: BaseException) -> None:
+    """Raises `error` as soon as the main thread may be interrupted; for signal handlers."""
+    global _waiting
+    if not _depth:
+        raise error
+    _waiting = error

@@ -38,7 +38,7 @@ HOUSE = (
     ("options", "child_process"),
     ("python_code", "hdf5"),
     ("reporter", "confinement", "decompression_limits", "packages"),
-    ("timeline", "errors", "palette", "interruption", "shared_status", "version", "file_version", "suffixes"),
+    ("timeline", "errors", "palette", "shared_status", "version", "file_version", "suffixes"),
     ("platform", "dataclass"),
 )
 
@@ -48,14 +48,13 @@ LIBRARIES = {
     "rich": ("cli",),
     "pytest": ("pytest_plugin",),
     "yaml": ("document", "policy.loaders.leapp"),  # the latter reads files of other programs
-    "imageio": ("formats.video_reader",),
-    "imageio_ffmpeg": ("formats.ffmpeg", "formats.video_reader"),
+    "imageio": ("formats.image_and_video_reader",),
+    "imageio_ffmpeg": ("formats.ffmpeg", "formats.image_and_video_reader"),
     "PIL": (
         "rendering.text",
         "rendering.live_plot",
         "formats.image_encoding",
-        "formats.image_reader",
-        "formats.video_reader",
+        "formats.image_and_video_reader",
     ),
     "mcap": ("formats.mcap",),
     "pxr": ("formats.usd",),  # OpenUSD

@@ -5,7 +5,7 @@ import threading
 
 import pytest
 
-from mjrun.interruption import interrupt, uninterrupted
+from mjrun.shared_status import interrupt, uninterrupted
 from tests.processes import PATIENCE
 
 

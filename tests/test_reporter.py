@@ -7,7 +7,8 @@ from types import ModuleType, SimpleNamespace
 import pytest
 
 from mjrun.errors import MjrunWarning, option
-from mjrun.reporter import PythonApiReporter, is_notebook, pass_on
+from mjrun.model.mujoco_globals import report_warnings
+from mjrun.reporter import PythonApiReporter, is_notebook
 
 
 def test_warnings_become_pythons_with_options_in_its_spelling_and_the_rest_is_silent(
@@ -25,7 +26,7 @@ def test_warnings_become_pythons_with_options_in_its_spelling_and_the_rest_is_si
 
 def test_mujocos_warnings_are_passed_on_in_a_line_each_and_cleaned() -> None:
     with pytest.warns(MjrunWarning) as caught:
-        pass_on(["one\ntwo", "a\x1b[31m"], PythonApiReporter())
+        report_warnings(["one\ntwo", "a\x1b[31m"], PythonApiReporter())
     assert [str(warning.message) for warning in caught] == ["MuJoCo: one; two", r"MuJoCo: a\x1b[31m"]
     assert {warning.filename for warning in caught} == {__file__}  # not the line of mjrun that warns
 

@@ -20,9 +20,8 @@ from mjrun.bench.results import BenchResult, BenchSettings, EngineInfo, MachineI
 from mjrun.bench.step_timing import LEFT_OUT, C, WarpSettings, check_engine
 from mjrun.errors import UsageError, file_errors, option
 from mjrun.experiment.design import SHORT_PATHS, value_list
-from mjrun.formats.destinations import StagedFile
-from mjrun.formats.output_writer import require_own
-from mjrun.model.mujoco_globals import collected_warnings
+from mjrun.formats.output_writer import StagedFile, require_own
+from mjrun.model.mujoco_globals import collected_warnings, report_warnings
 from mjrun.model.names import names
 from mjrun.model.override import Override, overrides_of
 from mjrun.model.source import ModelSource
@@ -34,7 +33,7 @@ from mjrun.options.rendering import ViewOptions
 from mjrun.outputs.output import RenderingResources
 from mjrun.platform.cores import available_cores
 from mjrun.rendering.backend import WorkingBackend
-from mjrun.reporter import PythonApiReporter, Reporter, pass_on
+from mjrun.reporter import PythonApiReporter, Reporter
 from mjrun.simulation.manifest import origin
 from mjrun.simulation.simulation import Simulation
 
@@ -142,7 +141,7 @@ class Bench(BenchOptions):
 
         # Failures describe more precisely what MuJoCo warns of.
         if not any(row.failure or (row.accuracy and row.accuracy.failure) for row in result.rows):
-            pass_on(warnings, reporter)
+            report_warnings(warnings, reporter)
         return result
 
     def _measured(self, reporter: Reporter, clock: Clock) -> BenchResult:

@@ -13,13 +13,12 @@ from mjrun.bench.statistics import SampleStatistics, summarized
 from mjrun.camera.pose import CameraPose
 from mjrun.dataclass import dataclass
 from mjrun.formats.codecs import encoding
+from mjrun.formats.ffmpeg import VideoWriter
 from mjrun.formats.temporary_output import scratch_folder
-from mjrun.formats.video_writer import VideoWriter
 from mjrun.model.camera_images import CameraImages
-from mjrun.model.compilation import lengthen_buffers, load_respecting_confinement
 from mjrun.model.mujoco_globals import without_timers
 from mjrun.model.override import apply
-from mjrun.model.source import ModelSource
+from mjrun.model.source import ModelSource, lengthen_buffers, load_respecting_confinement
 from mjrun.options.rendering import ViewOptions
 from mjrun.options.video import FPS
 from mjrun.outputs.camera_panels import panel_files

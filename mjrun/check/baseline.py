@@ -11,7 +11,8 @@ from typing import NamedTuple
 from mjrun.check.rule import Finding
 from mjrun.errors import FileError, option
 from mjrun.formats.input_file import exists, opened
-from mjrun.formats.output_writer import publish_together, require_own, written_file
+from mjrun.formats.local_and_remote_folders import written_file
+from mjrun.formats.output_writer import publish_together, require_own
 
 SCHEMA = "mjrun-baseline-1"
 KIND = "a baseline of mjrun check"

@@ -24,7 +24,8 @@ from mjrun.confinement.confinement import is_within, is_writable
 from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, ModelError, option
 from mjrun.formats.input_file import is_folder
-from mjrun.formats.output_writer import OutputWriter, publish_together, written_file
+from mjrun.formats.local_and_remote_folders import written_file
+from mjrun.formats.output_writer import OutputWriter, publish_together
 from mjrun.formats.temporary_output import scratch_folder
 from mjrun.model.sources import CompiledSource, source_of
 from mjrun.model.text_edits import TextEdit, disjoint, edited

@@ -23,8 +23,8 @@ from mjrun.check.worker_pool import FIX_TIME, MEMORY_REMEDY, MIB, TASK_MARK, Che
 from mjrun.child_process import limit_this_process, resident_memory
 from mjrun.errors import ModelError
 from mjrun.formats.user_cache import UserCache
-from mjrun.model.compilation import checked_arrays
 from mjrun.model.mujoco_globals import collected_warnings, keep_assets, without_timers
+from mjrun.model.source import checked_arrays
 from mjrun.model.xml_source import XmlSource, read_xml
 from mjrun.platform import system
 from mjrun.worker import ItemServer

@@ -18,7 +18,7 @@ from mjrun.confinement.confinement import Confinement
 from mjrun.confinement.self_confinement import confine, with_temporary
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, FileError, OutOfMemoryError, UnknownNameError, UsageError, clean, option
-from mjrun.formats.destinations import ParentFolders
+from mjrun.formats.temporary_output import ParentFolders
 from mjrun.options.bench import SUMMARY
 from mjrun.options.every_command import DEFAULT_LIMITS, FILE, MEMORY, TIME, ConfinementOptions
 from mjrun.options.kinds import AnyKind, OneOrMoreKind, PathKind

@@ -281,7 +281,7 @@ def _has_left_something(status: ProcessStatus) -> bool:
 
 def _clear_away(status: ProcessStatus) -> None:
     """Kills the children of a dead process, and removes its unfinished outputs."""
-    from mjrun.formats.destinations import remove_left_behind
+    from mjrun.formats.output_writer import remove_left_behind
     from mjrun.formats.temporary_output import NAME
 
     for pid in status.children:

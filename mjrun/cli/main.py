@@ -28,9 +28,8 @@ from mjrun.errors import (
     quoted,
     suggestion,
 )
-from mjrun.interruption import interrupt
 from mjrun.platform import system
-from mjrun.shared_status import note_heard
+from mjrun.shared_status import interrupt, note_heard
 from mjrun.suffixes import MODELS, is_yaml
 from mjrun.version import __version__
 

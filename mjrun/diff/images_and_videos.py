@@ -12,9 +12,8 @@ from mjrun.dataclass import dataclass
 from mjrun.diff.result import SSIM_WINDOW, FrameDifference, VideoOrImageDifference
 from mjrun.diff.tolerances import Tolerance, finite_or_none
 from mjrun.errors import FileError, option
-from mjrun.formats.image_reader import read_image, read_palette
+from mjrun.formats.image_and_video_reader import VideoReader, read_image, read_palette, read_video
 from mjrun.formats.input_file import is_folder
-from mjrun.formats.video_reader import VideoReader, read_video
 from mjrun.options.diff import PictureDiffOptions
 from mjrun.packages import require
 

@@ -51,15 +51,13 @@ class _DocumentMujocoNameKind(TextKind):
 
     @property
     def form(self) -> Schema:
-        from mjrun.rendering.segmentation import groupings
-        from mjrun.rendering.visual import flags, frame_axes, labels
+        from mjrun.rendering.visual import flags, frame_axes, groupings, labels
 
         names = {"visual flag": flags, "segmentation": lambda: [*groupings()], "frame": frame_axes, "label": labels}
         return {"type": "string", "enum": names[self._of]()}
 
     def read(self, value: object, reader: ReadingContext) -> object:
-        from mjrun.rendering.segmentation import check_segmentation_name
-        from mjrun.rendering.visual import Visual
+        from mjrun.rendering.visual import Visual, check_segmentation_name
 
         check(value, TEXT)
         name = str(value)

@@ -35,8 +35,8 @@ from mjrun.document.tree import (
 )
 from mjrun.errors import FileError, UsageError, clean, option, quoted
 from mjrun.formats.input_file import opened
-from mjrun.formats.local_and_remote_folders import folder_at, opened_at
-from mjrun.formats.output_writer import publish_together, written_file
+from mjrun.formats.local_and_remote_folders import folder_at, opened_at, written_file
+from mjrun.formats.output_writer import publish_together
 from mjrun.options.kinds import ChoiceKind, Kind, ReadingContext, TextKind
 from mjrun.options.option import Options, document_options, options, required
 from mjrun.options.report import PageOptions

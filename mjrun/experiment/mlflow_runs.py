@@ -11,8 +11,7 @@ import numpy as np
 
 from mjrun.errors import FileError, UsageError, file_errors, option
 from mjrun.experiment.results_table import POINT, ResultsTable
-from mjrun.formats.destinations import NEW, replace_folder
-from mjrun.formats.temporary_output import TemporaryOutput
+from mjrun.formats.temporary_output import NEW, TemporaryOutput, replace_folder
 
 MOST = 10_000  # runs, each of a dozen files
 LONGEST = 250  # characters of a name

@@ -12,8 +12,8 @@ import numpy as np
 
 from mjrun.errors import FailedAssertionError, MjrunError, UsageError, concerning, option, quoted
 from mjrun.experiment.design import Design, DesignColumn, is_whole
-from mjrun.formats.local_and_remote_folders import Folder, folder_at
-from mjrun.formats.output_writer import OutputWriter, publish_together, written_file
+from mjrun.formats.local_and_remote_folders import Folder, folder_at, written_file
+from mjrun.formats.output_writer import OutputWriter, publish_together
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format
 from mjrun.model.override import holds_whole_number

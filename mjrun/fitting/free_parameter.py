@@ -15,9 +15,8 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, listing, option
 from mjrun.fitting.measurements import Floats
-from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.model.override import ELEMENTS, Override, elements_at, indices_at, source_values
-from mjrun.model.source import ModelSource
+from mjrun.model.source import ModelSource, physics_fingerprint
 
 INERTIA = "inertia:"  # begins the name of a parameter: `inertia:payload.mass`
 QUANTITIES = {"mass": 1, "center": 3, "shape": 6}  # number of parameters of each

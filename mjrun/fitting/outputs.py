@@ -25,15 +25,14 @@ from mjrun.fitting.result import FitResult, FittedParameter
 from mjrun.fitting.shooting_fit import SHORTEST
 from mjrun.fitting.shooting_problem import Solution
 from mjrun.fitting.starting_states import measured_positions
-from mjrun.formats.destinations import StagedFile
-from mjrun.formats.output_writer import OutputWriter, publish_together, require_own, written_file
+from mjrun.formats.local_and_remote_folders import written_file
+from mjrun.formats.output_writer import OutputWriter, StagedFile, publish_together, require_own
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format
 from mjrun.formats.temporary_output import scratch_folder, temporary_file
 from mjrun.model.attribute_edits import AttributeChange, changes, with_changes
-from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.model.override import Override
-from mjrun.model.source import ModelSource
+from mjrun.model.source import ModelSource, physics_fingerprint
 from mjrun.model.sources.file import FileSource
 from mjrun.model.table_column import Column
 from mjrun.options.fit import FitOptions

@@ -13,8 +13,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import UnknownNameError, UsageError, listing, option
-from mjrun.formats.destinations import StagedFile
-from mjrun.formats.output_writer import OutputWriter
+from mjrun.formats.output_writer import OutputWriter, StagedFile
 from mjrun.model.camera_images import CameraCalibration
 
 CENTER = 0.5  # centre of the first pixel

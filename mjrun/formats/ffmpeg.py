@@ -1,7 +1,14 @@
-"""The bundled ffmpeg: its command line, its version, the codecs that work, and an encoder of streams of H.264."""
+"""The bundled ffmpeg: its command line and version, the codecs that work, and the encoders.
+
+Frames become one verified and published video, or a stream of H.264.
+"""
 
 import math
 import os
+import re
+import signal
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -11,9 +18,21 @@ import imageio_ffmpeg
 import numpy as np
 
 from mjrun.child_process import IDLE, ChildProcess, ExitStatus
+from mjrun.confinement.confinement import confinement
 from mjrun.dataclass import dataclass
-from mjrun.errors import EncoderError
-from mjrun.formats.codecs import CODECS, CONTAINERS, RGB24, encoding
+from mjrun.errors import BadValueError, ClosedPipeError, EncoderError, FileError, UsageError, clean, option
+from mjrun.formats.codecs import CODECS, CONTAINERS, GRAY16, RGB24, VideoEncoding, container_name, encoding, is_folder
+from mjrun.formats.output_writer import (
+    Destination,
+    OutputWriter,
+    StagedFile,
+    StagedFrameFolder,
+    StagedFramePattern,
+    StandardOutput,
+    no_space,
+)
+from mjrun.options.video import FPS
+from mjrun.timeline import rational
 
 DELIMITER = b"\0\0\0\1\x09"  # a NAL unit of type 9 begins each access unit of H.264; ITU-T H.264, 7.4.1.2.3
 LAST_WORDS = 1.0  # time for an encoder that stopped reading to end by itself [s]
@@ -177,3 +196,254 @@ class H264Encoder:
 
     def _failure(self, what: str) -> EncoderError:
         return EncoderError(f"the H.264 encoder {what}", self._child.stderr.decode(errors="replace"))
+
+
+LONGEST_ARGUMENT = 100_000  # bytes; Linux allows 128 KiB
+SMALLEST = 16  # smallest width and height [pixels]; below it some encoders fail
+
+
+def write_video(
+    path: str | Path,
+    frames: Iterable[np.ndarray],
+    fps: float | str | Fraction = FPS,
+    *,
+    codec: str | None = None,
+    crf: int | None = None,
+    preset: str | None = None,
+    format: str | None = None,  # noqa: A002  (the option's name)
+) -> list[Path]:
+    """Encodes frames into a video, which appears whole and verified, or not.
+
+    Frames are encoded as the iterable yields them, so memory does not grow with the video. Codecs that subsample colour
+    pad odd sides by one pixel.
+
+    Args:
+      path: a .mp4, .mov, .mkv, .webm, .gif, .apng or .webp file; a folder or a pattern such as `frame_%04d.png` for
+        PNGs.
+      frames: arrays of one shape: colours `(height, width, 3)` uint8, grey `(height, width)` uint8, or numbers such
+        as millimetres `(height, width)` uint16, which .mkv and PNG hold without loss.
+      fps: frames per second; `"30000/1001"` is exact.
+      codec, crf, preset: as in `mjrun video`; the defaults depend on the format.
+      format: container, if the suffix of `path` does not specify it.
+
+    Returns:
+      The files of the video.
+
+    Raises:
+      ValueError: there are no frames, or one differs from the first; the message names it.
+      UsageError: the format cannot hold these frames, or the options do not fit together.
+      FileError: the video cannot be written.
+      EncoderError: the encoder failed.
+    """
+    output, rate = str(path), _rate(fps)
+    container_name(output, format)  # fails before the first frame is drawn
+    checked = _checked(frames)
+    first = next(checked, None)
+    if first is None:
+        raise ValueError("there are no frames")
+
+    content = "exact" if first.dtype == np.uint16 else "video"
+    how = encoding(output, format, codec, crf, preset, content)
+    with VideoWriter(output, how, (first.shape[1], first.shape[0]), rate) as writer:
+        writer.write(first)
+        for frame in checked:
+            writer.write(frame)
+        writer.count = writer.written
+        return writer.publish()
+
+
+class VideoWriter(OutputWriter):
+    """A writer that streams frames to the encoder; nothing is published until all of them are written.
+
+    Opening it checks that the output can be written.
+
+    Args:
+      output: a file, a folder of frames, a pattern such as `frame_%04d.png`, or None for stdout.
+      size: width and height of the frames [pixels].
+      count: expected number of frames; if it is not known yet, set it before `publish`.
+      tags: title and comment, embedded where the format can hold them.
+
+    Raises:
+      FileError: the output cannot be written.
+      UsageError: the format cannot hold this.
+    """
+
+    def __init__(
+        self,
+        output: str | None,
+        encoding: VideoEncoding,
+        size: tuple[int, int],
+        fps: Fraction,
+        count: int | None = None,
+        tags: Mapping[str, str] | None = None,
+    ) -> None:
+        if min(size) < SMALLEST:
+            raise BadValueError(option("size"), f"{size[0]}x{size[1]}", f"at least {SMALLEST}x{SMALLEST}")
+        encoding.check_fps(fps)
+        self.size = size
+        self.fps = fps
+        self.count = count
+        self.written = 0
+        self._encoding = encoding
+        super().__init__(_destination(output, encoding))
+        with self.opening():
+            self._child = self.resources.enter_context(self._start(tags or {}))
+
+    def write(self, frame: np.ndarray) -> None:
+        """Adds one frame: uint8 `(height, width, 3)`, or uint16 `(height, width)` where numbers are encoded.
+
+        Raises:
+          EncoderError: the encoder died or hangs; the message ends with the last lines of its log.
+          FileError: the disk is full.
+          ClosedPipeError: the reader of standard output closed the pipe.
+        """
+        width, height = self.size
+        numbers = self._encoding.pixel_format == GRAY16
+        shape, kind = ((height, width), np.uint16) if numbers else ((height, width, 3), np.uint8)
+        if frame.shape != shape or frame.dtype != kind:
+            raise ValueError(f"a frame must be {np.dtype(kind)} {shape}, not {frame.dtype} {frame.shape}")
+        try:
+            self._child.feed(np.ascontiguousarray(frame).data, IDLE)
+        except OSError:
+            raise self._failure() from None
+        self.written += 1
+
+    def end(self) -> None:
+        """Waits until the encoder has written the last frame.
+
+        Raises:
+          EncoderError: it failed or hangs.
+        """
+        self._child.end_feeding()
+        if self._child.wait(idle=IDLE).code != 0:
+            raise self._failure()
+
+    def finish(self) -> None:
+        self.end()
+        self._check()
+        super().finish()
+
+    def _start(self, tags: Mapping[str, str]) -> ChildProcess:
+        frames = [*raw_frames(self._encoding.pixel_format, self.size, self.fps), "-i", "pipe:0"]
+        # The system limits command lines: longer tags go through an unnamed file beside the output.
+        length = max((len(os.fsencode(text)) for text in tags.values()), default=0)
+        metadata = [part for name, text in tags.items() for part in ("-metadata", f"{name}={text}")]
+        if length <= LONGEST_ARGUMENT:
+            return self._spawn(frames, metadata)
+        folder = None if self.destination.stdout is not None else Path(self.destination.path).parent
+        with tempfile.TemporaryFile(dir=folder) as file:
+            # https://ffmpeg.org/ffmpeg-formats.html#Metadata-2
+            lines = [name + "=" + re.sub(r"([=;#\\\n])", r"\\\1", text) for name, text in tags.items()]
+            file.write(os.fsencode("\n".join([";FFMETADATA1", *lines, ""])))
+            file.seek(0)
+            tagged = ["-f", "ffmetadata", "-i", f"pipe:{file.fileno()}"]
+            return self._spawn([*frames, *tagged], ["-map", "0:v", "-map_metadata", "1"], file.fileno())
+
+    def _spawn(self, inputs: Sequence[str], metadata: Sequence[str], *inherited: int) -> ChildProcess:
+        stdout = self.destination.stdout
+        encoding = self._encoding.arguments(*self.size, to_pipe=stdout is not None)
+        return ChildProcess(
+            command("-y", *inputs, *encoding, *metadata, self.destination.path),
+            inherited=inherited,
+            fed=True,
+            stdout="discard" if stdout is None else stdout,
+            stderr="capture",
+        )
+
+    def _failure(self) -> BaseException:
+        """Returns the error of an encoder that has stopped reading."""
+        status = self._child.wait(LAST_WORDS)
+        if isinstance(self.destination, StandardOutput) and self.destination.reader_is_gone():
+            return ClosedPipeError()
+        self._require_folder()
+        log = self._child.stderr.decode(errors="replace")
+        if no_space(log):
+            return FileError(self.destination.shown, "cannot be written: the disk is full")
+        if status.signal == "SIGXFSZ":
+            if confinement():  # the limit is that of the command, which ends as if it had written the file itself
+                signal.raise_signal(signal.Signals[status.signal])
+            return FileError(self.destination.shown, "cannot be written: it exceeds the limit for files (ulimit -f)")
+        is_known = status.cause == "idle" or (status.cause is None and status.signal)
+        how = str(status) if is_known else "failed"
+        return self._error(f"the encoder {how} after {self.written} of {self.count} frames", log)
+
+    def _require_folder(self) -> None:
+        """Raises FileError if the folder of the output has been removed."""
+        path = self.destination.path % 0 if self._encoding.format == "png" else self.destination.path
+        if self.destination.stdout is None and not Path(path).parent.is_dir():
+            raise FileError(self.destination.shown, "cannot be written: its folder was removed while it was written")
+
+    def _check(self) -> None:
+        self._require_folder()
+        if self.written != self.count:
+            raise self._error(f"the video has {self.written} frames, expected {self.count}")
+        if isinstance(self.destination, StandardOutput):
+            return
+        if self._encoding.format == "png":
+            count = len(list(Path(self.destination.path % 0).parent.iterdir()))
+        elif self._encoding.format == "rgb":  # raw pixels, which nothing can demux
+            width, height = self.size
+            count = Path(self.destination.path).stat().st_size // (3 * width * height)
+        else:
+            count = self._frames_in_file()
+        if count != self.count:
+            raise self._error(f"the encoder wrote {count} frames, expected {self.count}")
+
+    def _error(self, what: str, log: str = "") -> EncoderError:
+        return EncoderError(f"{clean(str(self.destination.shown))}: {what}", log)
+
+    def _frames_in_file(self) -> int:
+        """Returns the number of frames that a demuxer counts; if the format merges equal frames, from the duration."""
+        copy = ("-map", "0:v:0", "-c", "copy", "-progress", "pipe:1", "-f", "null", "-")
+        options, name = source(self.destination.path, self._encoding.format)
+        done = run(*options, "-i", name, *copy)
+        report = done.stdout.decode(errors="replace")
+        frames = re.findall(r"^frame=(\d+)", report, re.MULTILINE)
+        if not done.is_good or not frames:
+            raise self._error("the video cannot be read back", done.log)
+        count = int(frames[-1])
+        if CONTAINERS[self._encoding.format].merges:
+            if count == 1:  # nothing moved: a single frame, which has no duration
+                return self.written
+            lasts = re.findall(r"^out_time_us=(\d+)", report, re.MULTILINE)
+            return round(Fraction(int(lasts[-1]), 10**6) * self.fps)
+        return count
+
+
+def _rate(fps: float | str | Fraction) -> Fraction:
+    try:
+        rate = rational(fps)
+    except ValueError:
+        rate = Fraction(0)
+    if rate <= 0:
+        raise BadValueError(option("fps"), fps, "a positive number")
+    return rate
+
+
+def _checked(frames: Iterable[np.ndarray]) -> Iterator[np.ndarray]:
+    """Yields the frames, grey ones as colours, and checks that all are like the first."""
+    like = ""
+    for index, frame in enumerate(frames):
+        kind = f"{frame.dtype} {frame.shape}" if isinstance(frame, np.ndarray) else type(frame).__name__
+        layout = (frame.dtype, frame.ndim, frame.shape[2:]) if isinstance(frame, np.ndarray) else ()
+        if layout not in ((np.uint8, 3, (3,)), (np.uint8, 2, ()), (np.uint16, 2, ())):
+            expected = "uint8 (height, width, 3), uint8 (height, width) or uint16 (height, width)"
+            raise ValueError(f"frame {index} is {kind}, not {expected}")
+        like = like or kind
+        if kind != like:
+            raise ValueError(f"frame {index} is {kind}, but frame 0 is {like}")
+        yield np.repeat(frame[..., None], 3, axis=2) if frame.dtype == np.uint8 and frame.ndim == 2 else frame
+
+
+def _destination(output: str | None, encoding: VideoEncoding) -> Destination:
+    if output is None:
+        return StandardOutput()
+    if encoding.format != "png":
+        return StagedFile(Path(output))
+    if is_folder(output):
+        return StagedFrameFolder(Path(output))
+    if len(re.findall(r"%\d*d", Path(output).name)) != 1:
+        raise UsageError(
+            f"{clean(output)}: PNG frames need a number in their name, as in frame_%04d.png, or a folder, as in frames/"
+        )
+    return StagedFramePattern(Path(output))

@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 
 from mjrun.errors import BadValueError, clean, option
-from mjrun.formats.destinations import StagedFile, StandardOutput
 from mjrun.formats.image_encoding import ImageData, check_segment_count, clipped_share
 from mjrun.formats.image_format import FORMATS
-from mjrun.formats.output_writer import OutputWriter
+from mjrun.formats.output_writer import OutputWriter, StagedFile, StandardOutput
 from mjrun.formats.segmentation_labels import CocoDocument, LabelsWriter
 from mjrun.model.camera_images import SegmentedObject
 

@@ -17,9 +17,15 @@ from typing import Any, BinaryIO, TypeVar
 
 from mjrun.confinement.confinement import require_unconfined
 from mjrun.errors import FileError, UsageError, clean, file_errors, listing, option
-from mjrun.formats.destinations import Destination, StagedFile, require_no_dangling_link
 from mjrun.formats.input_file import exists, is_folder, opened
-from mjrun.formats.temporary_output import NAME, remove_left_behind, scratch_folder, temporary_file
+from mjrun.formats.output_writer import Destination, OutputWriter, StagedFile
+from mjrun.formats.temporary_output import (
+    NAME,
+    remove_left_behind,
+    require_no_dangling_link,
+    scratch_folder,
+    temporary_file,
+)
 from mjrun.packages import require
 from mjrun.platform import system
 from mjrun.suffixes import URL, is_url
@@ -348,6 +354,18 @@ def destination_at(path: str | Path) -> Destination:
         return StagedFile(Path(path))
     folder, _, name = str(path).rpartition("/")
     return folder_at(folder).destination(name)
+
+
+def written_file(path: Path | str, content: bytes) -> OutputWriter:
+    """Writes a file, given by its path or its URL, that is still to be published.
+
+    Raises:
+      FileError: it cannot be written.
+    """
+    output = OutputWriter(destination_at(path))
+    with output.opening():
+        output.write_file(content)
+    return output
 
 
 @contextmanager

@@ -6,9 +6,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from mjrun.formats.destinations import StagedFile
 from mjrun.formats.input_file import parse_manifest
-from mjrun.formats.output_writer import OutputWriter
+from mjrun.formats.output_writer import OutputWriter, StagedFile
 from mjrun.formats.tables import format_of_suffix
 
 MOST = 2**24  # bytes of a sidecar that are read, at most

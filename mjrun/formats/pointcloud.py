@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from mjrun.errors import UsageError, clean
-from mjrun.formats.destinations import StagedFile
-from mjrun.formats.output_writer import OutputWriter
+from mjrun.formats.output_writer import OutputWriter, StagedFile
 from mjrun.model.camera_images import CameraImages, SegmentedObject
 
 SUFFIX = ".ply"

@@ -25,10 +25,9 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, UsageError, clean, file_errors, option, quoted
 from mjrun.file_version import version_of
 from mjrun.formats import npy_reader
-from mjrun.formats.destinations import StagedFile
 from mjrun.formats.input_file import decoding, require_file
-from mjrun.formats.output_writer import OutputWriter, closing_quietly
-from mjrun.interruption import uninterrupted
+from mjrun.formats.output_writer import OutputWriter, StagedFile, closing_quietly
+from mjrun.shared_status import uninterrupted
 
 FACTS = 2**24  # characters of facts, at most
 LOCAL = 26  # bytes in the header of an archive's member before the lengths of its name and extra field

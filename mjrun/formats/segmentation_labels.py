@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.formats.destinations import StagedFile
-from mjrun.formats.output_writer import OutputWriter
+from mjrun.formats.output_writer import OutputWriter, StagedFile
 from mjrun.model.camera_images import SegmentedObject
 
 INFO = {"description": "segmentation by mjrun", "contributor": "mjrun"}

@@ -19,10 +19,9 @@ import numpy as np
 
 from mjrun.errors import FileError, clean
 from mjrun.formats import tables
-from mjrun.formats.destinations import StandardOutput
 from mjrun.formats.input_file import is_file, opened, parse_manifest
-from mjrun.formats.local_and_remote_folders import destination_at
-from mjrun.formats.output_writer import OutputWriter, written_file
+from mjrun.formats.local_and_remote_folders import destination_at, written_file
+from mjrun.formats.output_writer import OutputWriter, StandardOutput
 from mjrun.model.table_column import Column
 from mjrun.options.trace import COMMENT, METADATA
 

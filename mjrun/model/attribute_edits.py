@@ -13,8 +13,8 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, clean
-from mjrun.model.compilation import load_respecting_confinement
 from mjrun.model.override import ELEMENTS, PARTIAL, ROOTS, Override, apply, indices_at
+from mjrun.model.source import load_respecting_confinement
 from mjrun.model.text_edits import ElementEditor, edited
 from mjrun.model.xml_source import Element, XmlSource, default_holder, read_xml
 

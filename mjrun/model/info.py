@@ -17,15 +17,15 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import UnknownNameError
 from mjrun.model import description as described
-from mjrun.model import known_bugs
 from mjrun.model.fields import floats
 from mjrun.model.model_files import file_content, file_size, first_existing, main_mjcf
-from mjrun.model.mujoco_globals import collected_warnings
+from mjrun.model.mujoco_globals import collected_warnings, report_warnings
 from mjrun.model.names import BALL, PREFIXES, enum_name, names
 from mjrun.model.non_default_settings import NonDefaultSetting, option_differences, visual_differences
+from mjrun.model.source import bugs_of_model
 from mjrun.model.sources import ModelLike, source_of
 from mjrun.model.xml_source import CUBE_FACES, scan
-from mjrun.reporter import PythonApiReporter, Reporter, pass_on
+from mjrun.reporter import PythonApiReporter, Reporter
 from mjrun.shared_status import doing
 
 # Kinds of files by the elements that refer to them.
@@ -434,10 +434,10 @@ class Info:
             description = ModelDescription(source.load(), source.main_file)
             for name in sections:
                 description.section(name)  # computed here, so that warnings are collected
-        bugs = known_bugs.bugs_of_model(description.model)
+        bugs = bugs_of_model(description.model)
         for text in bugs:
             reporter.warn(text)
-        pass_on(warnings, reporter)
+        report_warnings(warnings, reporter)
         return InfoResult(description, sections, (*bugs, *warnings))
 
 

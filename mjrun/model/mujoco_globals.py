@@ -12,9 +12,9 @@ from pathlib import Path
 
 import mujoco
 
-from mjrun.errors import MjrunWarning
+from mjrun.errors import MjrunWarning, clean
 from mjrun.file_version import is_settled, version_of
-from mjrun.reporter import Reporter, pass_on
+from mjrun.reporter import Reporter
 
 
 @contextmanager
@@ -97,7 +97,13 @@ def reported_warnings(reporter: Reporter) -> Generator[None]:
         with collected_warnings() as warned:
             yield
     finally:
-        pass_on(warned, reporter)
+        report_warnings(warned, reporter)
+
+
+def report_warnings(texts: Iterable[str], reporter: Reporter) -> None:
+    """Reports MuJoCo's warnings to `reporter`, one per line."""
+    for text in texts:
+        reporter.warn(f"MuJoCo: {clean('; '.join(text.splitlines()))}")
 
 
 @contextmanager

@@ -17,11 +17,11 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import MjrunError
-from mjrun.model.compilation import FAULTS, checked_arrays, invalid_number, lengthen_buffers
 from mjrun.model.compiler_copied_fields import STATISTICS, Rows
 from mjrun.model.fields import arrays
 from mjrun.model.mujoco_globals import without_log
 from mjrun.model.override import ALTERNATIVES, ELEMENTS, ORIENTATIONS, Override, apply, elements_at
+from mjrun.model.source import FAULTS, checked_arrays, invalid_number, lengthen_buffers
 
 # Arrays and sizes of images and of the names of files.
 IMAGES, FILES = ("tex_",), ("paths", "_pathadr")

@@ -1,9 +1,12 @@
 """The integration state: everything that a simulation needs to continue bit for bit.
 
-It does not include which bodies sleep: a restored simulation with `sleep` enabled starts awake.
+It does not include which bodies sleep: a restored simulation with `sleep` enabled starts awake. A step of `mj_step` has
+two stages: its instant, in which every derived field belongs to the state, and its integrator. Between them the data
+can be read without a second computation of the instant.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Mapping
+from functools import partial
 from typing import Any
 
 import mujoco
@@ -112,3 +115,44 @@ def fields(model_sizes: Mapping[str, int]) -> dict[str, slice]:
             slices[name] = slice(start, start + count)
         start += count
     return slices
+
+
+Integrate = Callable[[mujoco.MjModel, mujoco.MjData], None]
+
+FWDINV = int(mujoco.mjtEnableBit.mjENBL_FWDINV)
+SPECULATIVE = int(mujoco.mjtEnableBit.mjENBL_SPECULATIVE)
+INTEGRATORS: dict[int, Integrate] = {
+    int(mujoco.mjtIntegrator.mjINT_EULER): mujoco.mj_Euler,
+    int(mujoco.mjtIntegrator.mjINT_RK4): partial(mujoco.mj_RungeKutta, N=4),
+    int(mujoco.mjtIntegrator.mjINT_IMPLICIT): mujoco.mj_implicit,
+    int(mujoco.mjtIntegrator.mjINT_IMPLICITFAST): mujoco.mj_implicit,
+}
+ACCELERATION = int(mujoco.mjtStage.mjSTAGE_ACC)
+# Fields that are valid once positions and velocities are computed, before forces and accelerations.
+MOTION_FIELDS = {
+    *FIELDS,
+    *("xpos", "xquat", "xmat", "xipos", "ximat", "xanchor", "xaxis", "subtree_com", "cdof", "cinert", "crb", "cvel"),
+    *("geom_xpos", "geom_xmat", "site_xpos", "site_xmat", "cam_xpos", "cam_xmat", "light_xpos", "light_xdir"),
+    *("ten_length", "ten_velocity", "ten_J", "actuator_length", "actuator_velocity", "actuator_moment"),
+    *("M", "qfrc_bias", "qfrc_passive", "ncon", "nefc"),
+}
+
+
+def integrator_of(model: mujoco.MjModel) -> Integrate | None:
+    """Returns the function that completes a step of `model` after `mj_forward`; None if a step cannot be divided."""
+    if model.opt.enableflags & (FWDINV | SPECULATIVE):
+        return None
+    return INTEGRATORS.get(int(model.opt.integrator))
+
+
+def need_only_motion(model: mujoco.MjModel, fields: Collection[str]) -> bool:
+    """Returns whether `fields` of MjData are valid once positions and velocities are computed."""
+    fields = {*fields}
+    if (model.sensor_needstage < ACCELERATION).all():
+        fields -= {"sensordata"}
+    return fields <= MOTION_FIELDS
+
+
+def is_bounded(values: np.ndarray) -> bool:
+    """Returns whether all `values` are within MuJoCo's limit of a stable simulation."""
+    return bool(mujoco.mju_norm(values) < mujoco.mjMAXVAL or (abs(values) <= mujoco.mjMAXVAL).all())

@@ -28,10 +28,9 @@ from mjrun.model.compiler_copied_fields import (
     may_be_copied,
 )
 from mjrun.model.fields import VariedModel, read_array, restore_array, write_array
-from mjrun.model.fingerprint import model_fingerprint
 from mjrun.model.override import Override
 from mjrun.model.recompilation import ChangedBodyCompiler, DerivedNumbersComputer, Recompiler, may_be_recompiled
-from mjrun.model.source import ModelSource
+from mjrun.model.source import ModelSource, model_fingerprint
 
 PROOFS = 2  # recompilations with the same paths that are compared with compilations of the source
 REMEMBERED = 8  # compilations

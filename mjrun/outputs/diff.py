@@ -19,13 +19,15 @@ from mjrun.diff.sentences import frame_facts, model_sentences, percent, picture_
 from mjrun.diff.table_files import compare_tables, is_results
 from mjrun.diff.tolerances import Tolerance, Tolerances
 from mjrun.errors import UsageError, clean, file_errors, option
-from mjrun.formats import codecs, image_reader, tables
+from mjrun.formats import codecs, tables
+from mjrun.formats.image_and_video_reader import IMAGE_SUFFIXES
 from mjrun.formats.image_encoding import ImageData, png
 from mjrun.formats.image_format import image_format
 from mjrun.formats.image_writer import ImageWriter
 from mjrun.formats.input_file import is_folder, require_file
 from mjrun.formats.recording import ARRAYS
 from mjrun.formats.table_reader import STDIN
+from mjrun.model.mujoco_globals import report_warnings
 from mjrun.model.source import ModelSource
 from mjrun.model.sources import ModelLike, source_of
 from mjrun.options.diff import DiffOptions
@@ -37,7 +39,7 @@ from mjrun.plotting.figure_writer import require_matplotlib
 from mjrun.plotting.table_figure import TableFigure
 from mjrun.rendering.colormaps import UNSEEN, colormap_table
 from mjrun.rendering.text import BACKGROUND, INK, baseline, crisp, fitted, letters, spacing, text_size, write
-from mjrun.reporter import PythonApiReporter, Reporter, pass_on
+from mjrun.reporter import PythonApiReporter, Reporter
 
 TABLE, RECORDING, VIDEO, IMAGE, MODEL = "table", "recording", "video", "image", "model"
 
@@ -128,14 +130,14 @@ def _models(diff: Diff, a: ModelLike, b: ModelLike, reporter: Reporter | None) -
 
     tolerances = Tolerances(Tolerance(diff.atol, diff.rtol), diff.tol)
     model = compare_models(source_of(a), source_of(b), tolerances)
-    pass_on(model.warnings, reporter or PythonApiReporter())
+    report_warnings(model.warnings, reporter or PythonApiReporter())
     return DiffResult(MODEL, model.a, model.b, model.equal, model_sentences(model), model=model)
 
 
 def _pictures(kind: str, diff: Diff, a: str, b: str) -> Compared:
     for path in (a, b):
         if not is_folder(Path(path)):
-            require_file(Path(path), kind, [*image_reader.SUFFIXES, *codecs.suffixes()])
+            require_file(Path(path), kind, [*IMAGE_SUFFIXES, *codecs.suffixes()])
     require_library(diff)
     if diff.output is not None:
         image_format(diff.output, "rgb")
@@ -202,7 +204,7 @@ def kind_of(name: str) -> str:
     if is_folder(path):
         with file_errors(name), os.scandir(name):  # a folder that cannot be read is neither
             return TABLE if is_results(path) else VIDEO
-    if suffix in image_reader.SUFFIXES and not (suffix == ".webp" and _is_animated(path)):
+    if suffix in IMAGE_SUFFIXES and not (suffix == ".webp" and _is_animated(path)):
         return IMAGE
     return VIDEO if suffix in codecs.suffixes() else MODEL
 

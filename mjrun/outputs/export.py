@@ -14,8 +14,7 @@ import numpy as np
 from mjrun.camera.pose import CameraPose
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, clean, concerning, listing, option
-from mjrun.formats.destinations import StagedFile, StandardOutput
-from mjrun.formats.output_writer import OutputWriter
+from mjrun.formats.output_writer import OutputWriter, StagedFile, StandardOutput
 from mjrun.model.names import enum_members
 from mjrun.model.state import restore, widened
 from mjrun.model.table_column import Column
@@ -25,8 +24,8 @@ from mjrun.options.rendering import RendererOptions, SceneOptions
 from mjrun.outputs import output
 from mjrun.outputs.event_detection import EventAndAssertionDetector, TimelineMark
 from mjrun.outputs.exports import FORMATS, ExportFormat, export_format
-from mjrun.outputs.frame_schedule import FrameSchedule, video_schedule
 from mjrun.outputs.recorded_scene import (
+    FrameSchedule,
     RecordedScene,
     SceneOutputRequest,
     ScenePlan,
@@ -35,10 +34,10 @@ from mjrun.outputs.recorded_scene import (
     place_scene,
     plan_scene,
     state_taps,
+    video_schedule,
 )
 from mjrun.outputs.trace_rows import ROWS, ProbeSampler, RowBuffer, rate_warning
-from mjrun.physics.recorded_states import SpooledRows
-from mjrun.physics.simulation_loop import Tap
+from mjrun.physics.simulation_loop import SpooledRows, Tap
 from mjrun.physics.stepper import Stepper, instants_of
 from mjrun.probe.contacts import RecordedContacts, contact_copiers
 from mjrun.probe.select import select, split

@@ -17,9 +17,9 @@ from mjrun.options.number_kinds import AUTO
 from mjrun.options.option import options
 from mjrun.options.rendering import RendererOptions, ViewOptions
 from mjrun.outputs.camera_panels import VideoOrImageFile, camera_names, frame_size, panels_of, unused_options
-from mjrun.outputs.frame_schedule import FrameSchedule
 from mjrun.outputs.output import OutputResult, PassContext, R_co, RenderingResources
 from mjrun.outputs.recorded_scene import (
+    FrameSchedule,
     RecordedScene,
     SceneOutputRequest,
     ScenePlan,
@@ -32,8 +32,7 @@ from mjrun.outputs.recorded_scene import (
     state_taps,
 )
 from mjrun.outputs.trace_rows import ProbeSampler
-from mjrun.physics.recorded_states import SpooledRows, StateBuffer
-from mjrun.physics.simulation_loop import Tap
+from mjrun.physics.simulation_loop import SpooledRows, StateBuffer, Tap
 from mjrun.physics.stepper import Stepper
 from mjrun.platform import system
 from mjrun.platform.cores import available_cores
@@ -46,9 +45,8 @@ from mjrun.rendering.compositor import FrameCosts, FrameSpec, SceneCompositor, T
 from mjrun.rendering.compositor_pool import CompositorPool, CompositorProcesses
 from mjrun.rendering.filament import check_segmentation, check_visual, omissions
 from mjrun.rendering.live_plot import LivePlot, aligned, live_plot_size
-from mjrun.rendering.segmentation import SegmentationIds, check_segmentation_name
 from mjrun.rendering.text import OverlayText, parse_template
-from mjrun.rendering.visual import visual_of
+from mjrun.rendering.visual import SegmentationIds, check_segmentation_name, visual_of
 from mjrun.reporter import Reporter
 from mjrun.shared_status import doing
 from mjrun.timeline import Timeline

@@ -30,11 +30,10 @@ from mjrun.outputs.frame_drawing import (
     open_frame_recorder,
     plan_frames,
 )
-from mjrun.outputs.frame_schedule import FrameSchedule, image_schedule
 from mjrun.outputs.output import named_files
-from mjrun.outputs.recorded_scene import ScenePlan
+from mjrun.outputs.recorded_scene import FrameSchedule, ScenePlan, image_schedule
 from mjrun.rendering.compositor import SceneCompositor
-from mjrun.rendering.segmentation import SegmentationIds
+from mjrun.rendering.visual import SegmentationIds
 from mjrun.simulation.simulation import require_countable
 from mjrun.timeline import Timeline, nearest
 

@@ -25,8 +25,7 @@ from mjrun.probe.scanner import Vocabulary
 from mjrun.rendering.backend import BackendDetector
 from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.drawn_model import CORNERS, HIDDEN_GROUP, VISIBLE_GROUPS, place_stage, visible_geoms
-from mjrun.rendering.segmentation import NOTHING, SegmentationIds
-from mjrun.rendering.visual import visual_of
+from mjrun.rendering.visual import NOTHING, SegmentationIds, visual_of
 
 GROUPED = ("geom", "site", "tendon", "flex", "skin")  # what is visible by groups
 WIDEST = 8.0  # size of the view, relative to the image, in which the truncated part of an object is counted

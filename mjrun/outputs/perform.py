@@ -14,7 +14,7 @@ from mjrun import errors
 from mjrun.dataclass import dataclass
 from mjrun.formats.manifest import ManifestWriter
 from mjrun.formats.output_writer import PublishingTransaction, publishing
-from mjrun.model.mujoco_globals import collected_warnings, without_timers
+from mjrun.model.mujoco_globals import collected_warnings, report_warnings, without_timers
 from mjrun.outputs.output import (
     FinishedOutput,
     OpenBlockOutput,
@@ -29,7 +29,7 @@ from mjrun.outputs.output import (
 )
 from mjrun.physics.simulation_loop import Tap, run_with_taps
 from mjrun.physics.stepper import Stepper
-from mjrun.reporter import PythonApiReporter, Reporter, pass_on
+from mjrun.reporter import PythonApiReporter, Reporter
 from mjrun.shared_status import doing
 from mjrun.simulation.policy_episode import EpisodeResult
 from mjrun.simulation.simulation import Simulation
@@ -78,7 +78,7 @@ def perform(
             current.simulate()
             current.finish()
         if current.instability is None:  # which describes it better
-            pass_on(warnings, reporter)
+            report_warnings(warnings, reporter)
         if current.episode:
             reporter.note(current.episode.sentence)
         current.publish(tuple(warnings), start, [] if published is None else published)

@@ -5,7 +5,7 @@ from contextlib import ExitStack
 from mjrun.dataclass import dataclass
 from mjrun.formats.recording import RecordingWriter
 from mjrun.model import state
-from mjrun.model.fingerprint import physics_fingerprint
+from mjrun.model.source import physics_fingerprint
 from mjrun.options.option import options
 from mjrun.options.trace import RecordingOptions
 from mjrun.outputs import output

@@ -16,10 +16,9 @@ from typing import Any, Self, cast
 from mjrun.confinement.confinement import confinement
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, clean, option
-from mjrun.formats.destinations import StagedFile
 from mjrun.formats.input_file import is_file
 from mjrun.formats.manifest import fingerprint
-from mjrun.formats.output_writer import OutputWriter
+from mjrun.formats.output_writer import OutputWriter, StagedFile
 from mjrun.formats.table_reader import STDIN
 from mjrun.formats.user_cache import FileDigestCache, UserCache, program_facts
 from mjrun.options.output import RerunOptions

@@ -13,11 +13,11 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.formats.codecs import VideoEncoding, encoding
+from mjrun.formats.ffmpeg import VideoWriter
 from mjrun.formats.image_encoding import UINT16_MAX
 from mjrun.formats.output_writer import OutputWriter
 from mjrun.formats.segmentation_labels import LabelsWriter
-from mjrun.formats.video_writer import VideoWriter
-from mjrun.model.mujoco_globals import collected_warnings, without_timers
+from mjrun.model.mujoco_globals import collected_warnings, report_warnings, without_timers
 from mjrun.options.option import options
 from mjrun.options.video import VideoOptions
 from mjrun.outputs import output
@@ -30,11 +30,10 @@ from mjrun.outputs.frame_drawing import (
     open_frame_recorder,
     plan_frames,
 )
-from mjrun.outputs.frame_schedule import FrameSchedule, video_schedule
 from mjrun.outputs.perform import open_pass, plan_pass
-from mjrun.outputs.recorded_scene import RecordedScene, ScenePlan
+from mjrun.outputs.recorded_scene import FrameSchedule, RecordedScene, ScenePlan, video_schedule
 from mjrun.rendering.compositor import SceneCompositor
-from mjrun.reporter import PythonApiReporter, pass_on
+from mjrun.reporter import PythonApiReporter
 
 
 @options
@@ -316,7 +315,7 @@ def video_frames(video: VideoInMemory) -> Generator[np.ndarray]:
             current.simulate()
         if error := current.error():
             raise error
-        pass_on(warnings, reporter)
+        report_warnings(warnings, reporter)
         (made,) = current.outputs
         assert isinstance(made, OpenVideoInMemory)
         yield from made.images()

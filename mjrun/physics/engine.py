@@ -21,8 +21,8 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import FailedStepError, SimulationError, UsageError
 from mjrun.model import state
 from mjrun.model.fields import VariedModel
+from mjrun.model.state import is_bounded
 from mjrun.physics.control import ControlArray, ControlSources
-from mjrun.physics.step_stages import is_bounded
 from mjrun.physics.stepper import RK4, SLEEP, PhysicsStepper
 from mjrun.timeline import rational
 

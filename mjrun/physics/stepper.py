@@ -12,9 +12,8 @@ import numpy as np
 from mjrun.errors import ContactMemoryError, FailedStepError, MjrunError, SimulationError, UnstableError
 from mjrun.model import state
 from mjrun.model.names import names
-from mjrun.physics.control import NEVER, ControlSources
-from mjrun.physics.push_forces import PushForces
-from mjrun.physics.step_stages import Integrate, integrator_of, is_bounded, need_only_motion
+from mjrun.model.state import Integrate, integrator_of, is_bounded, need_only_motion
+from mjrun.physics.control import NEVER, ControlSources, PushForces
 from mjrun.timeline import rational
 
 T = TypeVar("T")

@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import DamagedPackageError, DeviceMemoryError, MjrunError, UnknownNameError, UsageError, clean, option
-from mjrun.model.fingerprint import physics_fields
+from mjrun.model.source import physics_fields
 from mjrun.packages import require
 
 COMPILES = "warp compiles kernels that are not cached, which may take minutes"

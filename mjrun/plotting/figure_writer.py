@@ -7,10 +7,9 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from mjrun.errors import BadValueError, clean, option
-from mjrun.formats.destinations import StagedFile, StandardOutput
 from mjrun.formats.image_encoding import ImageData
 from mjrun.formats.image_format import DRAWINGS, FORMATS
-from mjrun.formats.output_writer import OutputWriter
+from mjrun.formats.output_writer import OutputWriter, StagedFile, StandardOutput
 from mjrun.packages import require
 from mjrun.plotting.figure_data import DrawnFigure, PanelGrid
 from mjrun.plotting.study.figure_data import DrawnStudyFigure

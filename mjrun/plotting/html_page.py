@@ -15,10 +15,9 @@ from urllib.parse import quote
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, clean, concerning, file_errors, option
-from mjrun.formats.destinations import StagedFile
 from mjrun.formats.input_file import parse_manifest
 from mjrun.formats.manifest import fingerprint
-from mjrun.formats.output_writer import OutputWriter
+from mjrun.formats.output_writer import OutputWriter, StagedFile
 from mjrun.plotting.table_statistics import ColumnStatistics
 from mjrun.plotting.theme import theme_style
 from mjrun.probe.verdict import Verdict

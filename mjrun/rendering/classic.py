@@ -16,8 +16,7 @@ from mjrun.model.names import enum_members
 from mjrun.model.state import restore
 from mjrun.rendering.added_geoms import Decoration
 from mjrun.rendering.backend import OpenGLContext, WorkingBackend, require_own_opengl
-from mjrun.rendering.segmentation import SegmentationIds
-from mjrun.rendering.visual import Visual, downsampled, updated_scene
+from mjrun.rendering.visual import SegmentationIds, Visual, downsampled, updated_scene
 
 GEOMS = 10_000  # initial capacity of the scene; it grows
 FONTS = (50, 100, 150, 200, 250, 300)  # percent

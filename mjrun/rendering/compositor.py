@@ -23,9 +23,8 @@ from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.colormaps import colors_of, colour_bar, depth_colors, depth_range, in_view, legend, seg_colors
 from mjrun.rendering.filament import FilamentRenderer
 from mjrun.rendering.live_plot import LivePlot
-from mjrun.rendering.segmentation import SegmentationIds
 from mjrun.rendering.text import BACKGROUND, stamp
-from mjrun.rendering.visual import Visual
+from mjrun.rendering.visual import SegmentationIds, Visual
 
 NAMES = {"rgb": "colour", "depth": "depth", "seg": "segmentation"}
 RENDERERS = {"classic": ClassicRenderer, "filament": FilamentRenderer}

@@ -20,8 +20,7 @@ from mjrun.model.names import enum_members
 from mjrun.rendering.added_geoms import Decoration
 from mjrun.rendering.backend import WorkingBackend
 from mjrun.rendering.classic import check_size
-from mjrun.rendering.segmentation import SegmentationIds
-from mjrun.rendering.visual import Visual
+from mjrun.rendering.visual import SegmentationIds, Visual
 from mjrun.worker import Worker, WorkerEndedError
 
 # Images per process: each leaks 1.5 MB with Mesa 22.3, less or nothing with drivers for GPUs. A count rather than a

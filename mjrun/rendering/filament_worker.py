@@ -19,8 +19,7 @@ from mjrun.model.names import COUNTS, KINDS, enum_members
 from mjrun.model.state import restore
 from mjrun.rendering.added_geoms import Decoration
 from mjrun.rendering.filament import MIRRORS, MODES, flags
-from mjrun.rendering.segmentation import NOTHING, SegmentationIds
-from mjrun.rendering.visual import Visual, downsampled, updated_scene
+from mjrun.rendering.visual import NOTHING, SegmentationIds, Visual, downsampled, updated_scene
 from mjrun.scene_graph.walk import lit_distance
 
 SPOT, POINT = mujoco.mjtLightType.mjLIGHT_SPOT.value, mujoco.mjtLightType.mjLIGHT_POINT.value

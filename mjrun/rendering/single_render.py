@@ -17,8 +17,7 @@ from mjrun.model.state import restore, save
 from mjrun.options.rendering import VIEWS
 from mjrun.rendering.backend import BackendDetector
 from mjrun.rendering.classic import ClassicRenderer
-from mjrun.rendering.segmentation import SegmentationIds
-from mjrun.rendering.visual import Visual
+from mjrun.rendering.visual import SegmentationIds, Visual
 
 CACHED = 4  # renderers kept for the next call, in all threads together
 

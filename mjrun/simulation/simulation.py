@@ -16,12 +16,11 @@ from mjrun.file_version import file_version
 from mjrun.formats.manifest import fingerprint
 from mjrun.formats.recording import RecordingReader, is_recording
 from mjrun.formats.table_reader import STDIN
-from mjrun.model import known_bugs, state
+from mjrun.model import state
 from mjrun.model.additions import servo_sentence
-from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.model.names import control_names, control_slices
 from mjrun.model.override import overrides_of
-from mjrun.model.source import ModelSource
+from mjrun.model.source import ModelSource, bugs_of_model, physics_fingerprint
 from mjrun.model.sources import ModelLike, demonstration_in, source_of
 from mjrun.options.kinds import AnyKind
 from mjrun.options.model import GAINS, parse_gains
@@ -29,10 +28,9 @@ from mjrun.options.option import OptionExclusion, exclusions_of, is_given, optio
 from mjrun.options.policy import is_code
 from mjrun.options.schema_validation import InvalidValueError
 from mjrun.options.simulation import CONTROLS, RUN_REQUIREMENTS, START, TABLE_READING, SimulationOptions
-from mjrun.physics.control import ControlNoise, ControlSources, ControlTable, PeriodicController
+from mjrun.physics.control import ControlNoise, ControlSources, ControlTable, PeriodicController, PushForces
 from mjrun.physics.initial_state import InitialState
-from mjrun.physics.push_forces import PushForces
-from mjrun.physics.recorded_states import RecordedInputs, ReplayStepper, require_model, require_timestep
+from mjrun.physics.simulation_loop import RecordedInputs, ReplayStepper, require_model, require_timestep
 from mjrun.physics.stepper import PhysicsStepper, Stepper
 from mjrun.python_code import RedirectedFunction, edit_remarks, module_sources, own_copy
 from mjrun.simulation.input_snapshot import InputSnapshot
@@ -346,7 +344,7 @@ class Simulation(SimulationOptions):
         replay = self.replay_remarks(model)
         episode = self.episode.remarks(self._requested_timeline(rational(model.opt.timestep))) if self.episode else []
         edited = edit_remarks(module_sources(self.code))
-        return [*known_bugs.bugs_of_model(model), *self.start.remarks(model), *useless, *replay, *episode, *edited]
+        return [*bugs_of_model(model), *self.start.remarks(model), *useless, *replay, *episode, *edited]
 
     def replayed(self, model: mujoco.MjModel) -> "RecordingReader | KinematicMotion":
         """Returns the recording, or the motion of `model` in a table or a demonstration.

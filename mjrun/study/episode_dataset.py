@@ -28,7 +28,8 @@ from mjrun.experiment.results_table import manifest_writer, raise_failures
 from mjrun.formats.codecs import encoding
 from mjrun.formats.episodes import CameraVideoLayout, EpisodeLayout, EpisodeRows
 from mjrun.formats.input_file import exists, is_folder
-from mjrun.formats.output_writer import publish_together, written_file
+from mjrun.formats.local_and_remote_folders import written_file
+from mjrun.formats.output_writer import publish_together
 from mjrun.formats.temporary_output import one_at_a_time, published_in
 from mjrun.model.mujoco_globals import reported_warnings
 from mjrun.model.sources import demonstration_in

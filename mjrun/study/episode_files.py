@@ -14,9 +14,9 @@ from mjrun.camera.pose import CameraPose, CameraPoseArray
 from mjrun.dataclass import dataclass
 from mjrun.errors import EncoderError, InvalidEpisodeError, UsageError, clean, listing, option
 from mjrun.formats.episodes import EpisodeRows
+from mjrun.formats.ffmpeg import VideoWriter
 from mjrun.formats.mp4_joining import read_samples
 from mjrun.formats.temporary_output import scratch_folder
-from mjrun.formats.video_writer import VideoWriter
 from mjrun.model import state
 from mjrun.model.names import control_names
 from mjrun.model.source import ModelSource
@@ -24,11 +24,9 @@ from mjrun.model.table_column import Column
 from mjrun.options.rendering import ViewOptions
 from mjrun.outputs.event_detection import final_timeline
 from mjrun.outputs.frame_drawing import check_drawing, scene_compositor
-from mjrun.outputs.frame_schedule import shot_spans
-from mjrun.outputs.recorded_scene import camera_motions
+from mjrun.outputs.recorded_scene import camera_motions, shot_spans
 from mjrun.outputs.trace_rows import ProbeSampler
-from mjrun.physics.recorded_states import StateBuffer
-from mjrun.physics.simulation_loop import Tap, run_with_taps
+from mjrun.physics.simulation_loop import StateBuffer, Tap, run_with_taps
 from mjrun.physics.stepper import Stepper
 from mjrun.probe.episode_columns import OBSERVATION
 from mjrun.probe.select import selected_columns

@@ -17,7 +17,7 @@ from mjrun.errors import FailedPointsError, FileError, UsageError, listing, opti
 from mjrun.experiment.results_table import raise_failures
 from mjrun.file_version import file_version
 from mjrun.formats import datasets
-from mjrun.formats.output_writer import written_file
+from mjrun.formats.local_and_remote_folders import written_file
 from mjrun.model.mujoco_globals import reported_warnings
 from mjrun.model.names import names
 from mjrun.model.override import Override

@@ -25,7 +25,7 @@ from mjrun.errors import FileError, MjrunError, PartlyDoneError, clean
 from mjrun.experiment.design import ABSENT, Design
 from mjrun.formats.local_and_remote_folders import Folder, LocalFolder, folder_at
 from mjrun.formats.output_writer import OutputWriter
-from mjrun.model.fingerprint import content_fingerprint
+from mjrun.model.source import content_fingerprint
 from mjrun.options.sweep import PARTS
 from mjrun.python_code import ModuleSource, code_hash
 from mjrun.simulation.manifest import plain

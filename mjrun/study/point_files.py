@@ -20,8 +20,7 @@ from mjrun.errors import BadValueError, MjrunError, UnknownNameError, UsageError
 from mjrun.experiment.design import parameter_names
 from mjrun.experiment.results_table import ColumnVocabulary
 from mjrun.formats.codecs import encoding
-from mjrun.formats.local_and_remote_folders import LocalFolder
-from mjrun.formats.output_writer import written_file
+from mjrun.formats.local_and_remote_folders import LocalFolder, written_file
 from mjrun.formats.study_reader import NAME, POINTS, point_folders, read_point, values_in_words
 from mjrun.formats.temporary_output import remove_left_behind
 from mjrun.options.option import values_of

@@ -10,8 +10,8 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.formats.codecs import encoding
-from mjrun.formats.video_reader import read_video
-from mjrun.formats.video_writer import VideoWriter
+from mjrun.formats.ffmpeg import VideoWriter
+from mjrun.formats.image_and_video_reader import read_video
 from mjrun.rendering.text import stamp
 
 MOST = 36  # cells

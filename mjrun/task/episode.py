@@ -11,7 +11,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import InvalidActionError
-from mjrun.physics.recorded_states import RecordedStates, ReplayStepper, SpooledRows
+from mjrun.physics.simulation_loop import RecordedStates, ReplayStepper, SpooledRows
 from mjrun.physics.stepper import Stepper
 from mjrun.probe.episode_columns import EpisodeValues
 

@@ -9,9 +9,8 @@ import numpy as np
 
 from mjrun.errors import UnknownNameError, UsageError, clean, concerning, option
 from mjrun.model import state
-from mjrun.model.compilation import is_delay
 from mjrun.model.override import Override, elements_at
-from mjrun.model.source import ModelSource
+from mjrun.model.source import ModelSource, is_delay
 from mjrun.model.variants import ModelVariant, VariantLoader
 from mjrun.physics.initial_state import InitialState
 from mjrun.physics.kinematic_samples import quaternions

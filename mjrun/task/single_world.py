@@ -17,9 +17,9 @@ from mujoco.batch import SimulationError as BatchError
 
 from mjrun.model import state
 from mjrun.model.mujoco_globals import without_timers
+from mjrun.model.state import is_bounded
 from mjrun.options.task import LAGGED
 from mjrun.physics.control import ControlSources
-from mjrun.physics.step_stages import is_bounded
 from mjrun.physics.stepper import SLEEP, STATE, PhysicsStepper
 from mjrun.task.batch_columns import ACCELERATION, ALL, NONE, BatchColumns, MeasurementPlan, Rows
 from mjrun.task.episode import Actor, ControlInstant, Ending, EpisodeColumnNames, ask

@@ -18,14 +18,12 @@ from mujoco.batch import SimulationError as BatchError
 from mjrun.errors import ModelError, UsageError, clean, described_type
 from mjrun.file_version import file_version
 from mjrun.model import state
-from mjrun.model.fingerprint import model_fingerprint
 from mjrun.model.mujoco_globals import without_timers
-from mjrun.model.source import ModelSource
+from mjrun.model.source import ModelSource, model_fingerprint
 from mjrun.model.variants import VariantLoader, model_bytes
 from mjrun.options.task import CURRENT, LAGGED
-from mjrun.physics.control import NEVER, ControlNoise
+from mjrun.physics.control import NEVER, ControlNoise, PushForces
 from mjrun.physics.engine import AUTORESET, ENERGY
-from mjrun.physics.push_forces import PushForces
 from mjrun.physics.stepper import BAD, RK4, SLEEP
 from mjrun.platform.cores import available_cores
 from mjrun.probe.task_expression import TaskVocabulary

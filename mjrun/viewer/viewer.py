@@ -15,16 +15,16 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import NoWindowError, SimulationError, UsageError, concerning, option
 from mjrun.formats.recording import RecordingWriter
-from mjrun.interruption import uninterrupted
 from mjrun.model import state
-from mjrun.model.fingerprint import physics_fingerprint
-from mjrun.model.mujoco_globals import collected_warnings
+from mjrun.model.mujoco_globals import collected_warnings, report_warnings
+from mjrun.model.source import physics_fingerprint
 from mjrun.options.option import options
 from mjrun.options.viewer import ViewerOptions
 from mjrun.outputs.output import ReservedFiles
-from mjrun.physics.recorded_states import ReplayStepper
+from mjrun.physics.simulation_loop import ReplayStepper
 from mjrun.physics.stepper import EditableStepper, Stepper
-from mjrun.reporter import PythonApiReporter, Reporter, pass_on
+from mjrun.reporter import PythonApiReporter, Reporter
+from mjrun.shared_status import uninterrupted
 from mjrun.simulation.manifest import origin
 from mjrun.simulation.policy_episode import EpisodeResult
 from mjrun.simulation.simulation import Simulation, require_simulation, require_whole
@@ -308,7 +308,7 @@ class Viewer(ViewerOptions):
             if files:
                 live.failure.add_note(f"kept, up to there: {self.recording}")
             raise live.failure
-        pass_on(warnings, reporter)
+        report_warnings(warnings, reporter)
         return ViewerResult(
             kind=window.kind,
             steps=live.step,

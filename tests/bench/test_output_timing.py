@@ -22,8 +22,7 @@ from mjrun.model.state import save
 from mjrun.rendering.backend import WorkingBackend
 from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.filament import FilamentRenderer
-from mjrun.rendering.segmentation import SegmentationIds
-from mjrun.rendering.visual import Visual
+from mjrun.rendering.visual import SegmentationIds, Visual
 from tests.bench.bench_clocks import MODEL, FakeClock, bench
 
 

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mjrun.camera.pose import CameraPose, pose_of
-from mjrun.camera.rigs.around import FreeRig, OrbitRig, TrackRig
+from mjrun.camera.rigs.free_camera import FreeRig, OrbitRig, TrackRig
 from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.rigs.rig import EasedNumber, Shake, ShotBlend
 from mjrun.camera.script import LEVEL, CameraScript, ConditionEvent, FramedObject, Shot, parse_camera, shot_conflicts

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mjrun.camera.pose import CameraPose, pose_of, rotation
-from mjrun.camera.rigs.around import FreeRig, OrbitRig, TrackRig
+from mjrun.camera.rigs.free_camera import FreeRig, OrbitRig, TrackRig
 from mjrun.camera.rigs.look import LookRig
 from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.rigs.rig import BLENDS, EasedNumber, Rig, Shake, ShotBlend

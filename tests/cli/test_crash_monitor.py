@@ -201,7 +201,7 @@ def test_a_confined_child_gets_its_unfinished_outputs_and_empty_folders_removed(
     for name in ("own", "out", "out/inner", "made"):
         (tmp_path / name).mkdir()
     work = f"""
-from mjrun.formats.destinations import StagedFile
+from mjrun.formats.output_writer import StagedFile
 from pathlib import Path
 from mjrun.shared_status import note_made_folder
 note_made_folder(Path({str(tmp_path / "made")!r}))
@@ -216,7 +216,7 @@ die(signal.SIGSEGV)"""
 def test_folders_made_for_outputs_of_a_dead_process_are_removed_if_they_are_empty(tmp_path: Path) -> None:
     (tmp_path / "there").mkdir()
     work = """
-from mjrun.formats.destinations import StagedFile
+from mjrun.formats.output_writer import StagedFile
 from pathlib import Path
 outputs = [StagedFile(Path(path)) for path in ("a/b/x.csv", "there/c/x.csv", "made/d/x.csv", "made/x.csv")]
 outputs[-1].publish()
@@ -245,7 +245,7 @@ def test_a_confined_child_that_dies_leaves_no_empty_folder_in_its_outputs(tmp_pa
     for name in ("own", "out"):
         (tmp_path / name).mkdir()
     work = f"""
-from mjrun.formats.destinations import StagedFile
+from mjrun.formats.output_writer import StagedFile
 from pathlib import Path
 make_promise(ConfinementPromise({str(tmp_path / "own")!r}, [{str(tmp_path / "out")!r}], 1000))
 output = StagedFile(Path("out/a/b/x.csv"))
@@ -284,7 +284,7 @@ for _ in range(3): os.read(into, 1)
 def test_unfinished_outputs_and_processes_of_a_dead_one_are_removed(tmp_path: Path) -> None:
     work = """
 from mjrun.child_process import ChildProcess
-from mjrun.formats.destinations import StagedFile
+from mjrun.formats.output_writer import StagedFile
 from pathlib import Path
 output = StagedFile(Path("table.csv"))
 child = ChildProcess(["sleep", "1000"])
@@ -350,7 +350,7 @@ time.sleep(1000)
 
 def test_a_child_that_heard_the_signal_and_does_not_end_is_killed(tmp_path: Path) -> None:
     work = """
-from mjrun.formats.destinations import StagedFile
+from mjrun.formats.output_writer import StagedFile
 output = StagedFile(Path("table.csv"))
 def end(number, frame):
     note_heard()
@@ -370,7 +370,7 @@ while True:
 
 def test_what_a_child_could_not_clear_away_is_cleared_away(tmp_path: Path) -> None:
     work = """
-from mjrun.formats.destinations import StagedFile
+from mjrun.formats.output_writer import StagedFile
 output = StagedFile(Path("table.csv"))
 def end(number, frame):
     note_heard()

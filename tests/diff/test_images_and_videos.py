@@ -10,8 +10,8 @@ from PIL import Image
 from mjrun.diff.images_and_videos import compare_images, compare_videos
 from mjrun.diff.tolerances import Tolerance
 from mjrun.errors import FileError
-from mjrun.formats.video_reader import read_video
-from mjrun.formats.video_writer import write_video
+from mjrun.formats.ffmpeg import write_video
+from mjrun.formats.image_and_video_reader import read_video
 
 RNG = np.random.default_rng(5)
 FRAMES = np.repeat(np.repeat(RNG.integers(0, 256, (6, 6, 8, 3), np.uint8), 8, 1), 8, 2)  # 6 of 64 x 48

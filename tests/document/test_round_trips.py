@@ -25,8 +25,7 @@ from mjrun.options.setting_kinds import VariedSettingsKind
 from mjrun.options.simulation import PushKind, SimulationOptions
 from mjrun.options.sweep import StudyOptions
 from mjrun.options.task import PARTS, LimitsKind, RandomValueKind, ScheduleKind, TaskOptions, VectorOrKeyframeKind
-from mjrun.rendering.segmentation import groupings
-from mjrun.rendering.visual import flags, frame_axes, labels
+from mjrun.rendering.visual import flags, frame_axes, groupings, labels
 from tests.document.camera_strategies import decimals, events, names, numbers, positives, texts
 from tests.document.schema_oracle import fits
 

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from mjrun.camera.rigs.around import OrbitRig, TrackRig
+from mjrun.camera.rigs.free_camera import OrbitRig, TrackRig
 from mjrun.camera.rigs.path import PathRig, Waypoint
 from mjrun.camera.rigs.rig import EasedNumber, Shake, ShotBlend
 from mjrun.camera.script import CameraScript, ConditionEvent, FramedObject, Shot

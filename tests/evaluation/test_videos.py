@@ -9,7 +9,7 @@ import pytest
 from mjrun.errors import UsageError, spelled
 from mjrun.evaluation.episode import PlayedEpisodes
 from mjrun.evaluation.evaluation import NAMES, Evaluation, chosen_videos, remove_old_videos
-from mjrun.formats.video_reader import read_video
+from mjrun.formats.image_and_video_reader import read_video
 from mjrun.outputs.video import Video
 from mjrun.simulation.simulation import Simulation
 from tests.evaluation.episodes import episodes, played, totals

@@ -11,7 +11,7 @@ from mjrun.fitting.free_parameter import free_parameters
 from mjrun.fitting.measurements import LogSegment
 from mjrun.fitting.outputs import FittedChunkMotion, FitVideo
 from mjrun.fitting.prediction import Chunk, ChunkInitialStates, ChunkRolloutInputs, Predictor, chunks
-from mjrun.formats.video_reader import read_video
+from mjrun.formats.image_and_video_reader import read_video
 from mjrun.model import state
 from mjrun.options.fit import FitOptions
 from mjrun.reporter import PythonApiReporter

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from mjrun.formats import destinations
+from mjrun.formats import temporary_output
 
 OPERATIONS = ("rename", "replace", "link", "mkdir", "rmdir", "unlink", "fsync")
 MOST = 100  # operations of one publication, more than there are
@@ -41,7 +41,7 @@ def fault(number: int, kind: str) -> Iterator[list[str]]:
     with pytest.MonkeyPatch.context() as patch:
         for name in OPERATIONS:
             patch.setattr(os, name, faulty(name, getattr(os, name)))
-        patch.setattr(destinations, "exchange", faulty("exchange", destinations.exchange))
+        patch.setattr(temporary_output, "exchange", faulty("exchange", temporary_output.exchange))
         yield tried
 
 

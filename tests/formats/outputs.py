@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from mjrun.formats import destinations
-from mjrun.formats.destinations import Destination
+from mjrun.formats import temporary_output
+from mjrun.formats.output_writer import Destination
 
 
 def names(folder: Path) -> list[str]:
@@ -27,4 +27,4 @@ def no_exchange(*_: object) -> bool:
     return False
 
 
-both_ways = pytest.mark.parametrize("exchange", [destinations.exchange, no_exchange])
+both_ways = pytest.mark.parametrize("exchange", [temporary_output.exchange, no_exchange])

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from mjrun.formats.destinations import MOVING, NEW, OLD, exchange, frame_number, move_frames
+from mjrun.formats.temporary_output import MOVING, NEW, OLD, exchange, frame_number, move_frames
 
 ROOT = Path(__file__).parents[2]
 
@@ -76,7 +76,7 @@ def test_the_number_of_a_frame_has_any_number_of_digits() -> None:
 REPLACE = """
 import os, sys
 from pathlib import Path
-from mjrun.formats import destinations as replacement
+from mjrun.formats import temporary_output as replacement
 os.setgid(65534)
 os.setuid(65534)
 new, target = Path(sys.argv[1]) / ".new", Path(sys.argv[1]) / "target"

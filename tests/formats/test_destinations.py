@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from mjrun.errors import FileError
-from mjrun.formats import destinations
-from mjrun.formats.destinations import Destination, StagedFile, StagedFrameFolder, StagedFramePattern, StandardOutput
+from mjrun.formats import temporary_output
+from mjrun.formats.output_writer import Destination, StagedFile, StagedFrameFolder, StagedFramePattern, StandardOutput
 from tests.formats.file_faults import MOST, fault, killed_at
 from tests.formats.outputs import both_ways, fill, names, no_exchange
 
@@ -100,7 +100,7 @@ def test_a_read_only_folder_or_video_is_refused_before_anything_is_drawn(tmp_pat
 def test_a_folder_of_frames_is_replaced_as_a_whole(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, exchange: Callable[[Path, Path], bool]
 ) -> None:
-    monkeypatch.setattr(destinations, "exchange", exchange)
+    monkeypatch.setattr(temporary_output, "exchange", exchange)
     for count, text in ((5, "old"), (3, "new")):
         publish(StagedFrameFolder(tmp_path / "frames"), count, text)
         assert names(tmp_path / "frames") == [f"{number:06d}.png" for number in range(count)]
@@ -134,7 +134,7 @@ def test_a_process_that_is_killed_at_any_operation_leaves_the_old_output_or_the_
     old: list[str],
     new: list[str],
 ) -> None:
-    monkeypatch.setattr(destinations, "exchange", exchange)
+    monkeypatch.setattr(temporary_output, "exchange", exchange)
     number = 0
     while True:
         number += 1
@@ -186,7 +186,7 @@ def test_an_operation_that_fails_leaves_the_old_output_or_the_new_one(
     new: list[str],
     kind: str,
 ) -> None:
-    monkeypatch.setattr(destinations, "exchange", exchange)
+    monkeypatch.setattr(temporary_output, "exchange", exchange)
     number = 0
     while True:
         number += 1
@@ -277,7 +277,7 @@ def test_a_video_is_never_written_on_a_terminal(monkeypatch: pytest.MonkeyPatch)
 
 def test_a_reader_that_closed_the_pipe_is_noticed() -> None:
     program = (
-        "import sys, time; from mjrun.formats.destinations import StandardOutput; out = StandardOutput();"
+        "import sys, time; from mjrun.formats.output_writer import StandardOutput; out = StandardOutput();"
         "before = out.reader_is_gone(); sys.stderr.write('go'); sys.stderr.flush(); sys.stdin.read();"
         "sys.stderr.write(f'{before} {out.reader_is_gone()}')"
     )

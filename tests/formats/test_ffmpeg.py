@@ -12,11 +12,9 @@ import pytest
 import mjrun
 from mjrun.errors import EncoderError, FileError
 from mjrun.formats.codecs import CODECS
-from mjrun.formats.ffmpeg import DEMUXERS, H264Encoder, command, encoder_version, run, working_codecs
+from mjrun.formats.ffmpeg import DEMUXERS, H264Encoder, command, encoder_version, run, working_codecs, write_video
+from mjrun.formats.image_and_video_reader import ANIMATIONS, read_image, read_video
 from mjrun.formats.image_encoding import encode_exr
-from mjrun.formats.image_reader import read_image
-from mjrun.formats.video_reader import ANIMATIONS, read_video
-from mjrun.formats.video_writer import write_video
 
 PLAYLISTS = {
     "ffconcat": "ffconcat version 1.0\nfile other.mkv\n",

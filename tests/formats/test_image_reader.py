@@ -9,9 +9,8 @@ from PIL import Image
 
 import mjrun
 from mjrun.errors import FileError, UnknownNameError
+from mjrun.formats.image_and_video_reader import ANIMATIONS, IMAGE_SUFFIXES, read_image, read_palette, read_video
 from mjrun.formats.image_encoding import encode_exr
-from mjrun.formats.image_reader import SUFFIXES, read_image, read_palette
-from mjrun.formats.video_reader import ANIMATIONS, read_video
 
 RGB = np.random.default_rng(2).integers(0, 256, (7, 9, 3), np.uint8)
 METRES = np.array([[0.5, np.inf, 1e-3], [2.0, 3.25, np.inf]], np.float32)
@@ -53,7 +52,7 @@ def test_translucent_colours_have_a_fourth_channel(tmp_path: Path) -> None:
     assert np.array_equal(read_image(tmp_path / "a.png"), rgba)
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("suffix", IMAGE_SUFFIXES)
 def test_what_cannot_be_decoded_is_reported(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"a{suffix}"
     path.write_bytes(b"\x93NUMPY\1\0 broken")

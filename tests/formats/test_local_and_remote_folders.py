@@ -14,8 +14,8 @@ import pytest
 from fsspec.implementations.memory import MemoryFileSystem
 
 from mjrun.errors import FileError, UsageError
-from mjrun.formats.local_and_remote_folders import DELAYS, Folder, destination_at, folder_at
-from mjrun.formats.output_writer import OutputWriter, written_file
+from mjrun.formats.local_and_remote_folders import DELAYS, Folder, destination_at, folder_at, written_file
+from mjrun.formats.output_writer import OutputWriter
 from mjrun.formats.table_reader import read_table
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format

@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mjrun.formats.destinations import StagedFile
 from mjrun.formats.manifest import ManifestWriter, TableManifestWriter, fingerprint, read_sidecar, sidecar_path
-from mjrun.formats.output_writer import OutputWriter, publish_together
+from mjrun.formats.output_writer import OutputWriter, StagedFile, publish_together
 from mjrun.formats.table_reader import open_table
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import FORMATS

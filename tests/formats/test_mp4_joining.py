@@ -9,8 +9,8 @@ import pytest
 
 from mjrun.errors import FileError
 from mjrun.formats.codecs import encoding
+from mjrun.formats.ffmpeg import VideoWriter
 from mjrun.formats.mp4_joining import join, read_samples
-from mjrun.formats.video_writer import VideoWriter
 
 SIZE = (64, 48)
 FPS = Fraction(30000, 1001)

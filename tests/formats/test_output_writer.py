@@ -8,9 +8,15 @@ from typing import Any
 import pytest
 
 from mjrun.errors import ClosedPipeError, FileError, MjrunError, PartlyDoneError
-from mjrun.formats import destinations
-from mjrun.formats.destinations import StagedFile, StagedFrameFolder, StagedFramePattern
-from mjrun.formats.output_writer import OutputWriter, publish_together, written_file
+from mjrun.formats import temporary_output
+from mjrun.formats.local_and_remote_folders import written_file
+from mjrun.formats.output_writer import (
+    OutputWriter,
+    StagedFile,
+    StagedFrameFolder,
+    StagedFramePattern,
+    publish_together,
+)
 from tests.formats.file_faults import MOST, fault
 from tests.formats.outputs import both_ways, fill, names
 
@@ -43,7 +49,7 @@ def state(folder: Path) -> dict[str, str]:
 def test_of_outputs_that_belong_together_all_are_new_or_none_or_the_message_says_which(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, exchange: Callable[[Path, Path], bool], kind: str, had: bool
 ) -> None:
-    monkeypatch.setattr(destinations, "exchange", exchange)
+    monkeypatch.setattr(temporary_output, "exchange", exchange)
     number = 0
     while True:
         number += 1

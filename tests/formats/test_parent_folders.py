@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from mjrun.errors import FileError
-from mjrun.formats import destinations
-from mjrun.formats.destinations import Destination, StagedFile, StagedFrameFolder, StagedFramePattern
+from mjrun.formats import temporary_output
+from mjrun.formats.output_writer import Destination, StagedFile, StagedFrameFolder, StagedFramePattern
 from mjrun.formats.temporary_output import TemporaryOutput
 from tests.formats.outputs import fill, names
 from tests.processes import PATIENCE
@@ -136,7 +136,7 @@ def test_links_are_followed_and_a_folder_is_where_they_lead(tmp_path: Path) -> N
 def test_a_folder_that_another_process_removes_meanwhile_is_made_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    make, removed = destinations._make, list[Path]()
+    make, removed = temporary_output._make, list[Path]()
 
     def make_and_lose(folder: Path) -> None:
         make(folder)
@@ -144,7 +144,7 @@ def test_a_folder_that_another_process_removes_meanwhile_is_made_again(
             folder.rmdir()
             removed.append(folder)
 
-    monkeypatch.setattr(destinations, "_make", make_and_lose)
+    monkeypatch.setattr(temporary_output, "_make", make_and_lose)
     staged = StagedFile(tmp_path / "a/b/film")
     assert len(removed) == 5
     staged.cleanup()
@@ -153,7 +153,7 @@ def test_a_folder_that_another_process_removes_meanwhile_is_made_again(
 
 def test_processes_that_make_and_remove_the_same_folders_do_not_disturb_each_other(tmp_path: Path) -> None:
     program = (
-        "import sys; from pathlib import Path; from mjrun.formats.destinations import StagedFile\n"
+        "import sys; from pathlib import Path; from mjrun.formats.output_writer import StagedFile\n"
         f"for _ in range({MANY}): StagedFile(Path(sys.argv[1]) / 'a/b' / sys.argv[2]).cleanup()\n"
         "last = StagedFile(Path(sys.argv[1]) / 'a/b' / sys.argv[2]); last.publish(); last.cleanup()"
     )

@@ -26,7 +26,7 @@ from hypothesis.extra.numpy import arrays
 from mjrun.errors import FileError, UsageError
 from mjrun.formats import recording
 from mjrun.formats.recording import PIECE, RecordingReader, RecordingWriter
-from mjrun.interruption import interrupt
+from mjrun.shared_status import interrupt
 
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
 STATES = st.tuples(st.integers(1, 9), st.integers(1, 5)).flatmap(

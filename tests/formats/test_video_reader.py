@@ -11,8 +11,8 @@ from PIL import Image
 
 import mjrun
 from mjrun.errors import FileError, UsageError
-from mjrun.formats.video_reader import read_video
-from mjrun.formats.video_writer import write_video
+from mjrun.formats.ffmpeg import write_video
+from mjrun.formats.image_and_video_reader import read_video
 from tests.cases import cases
 
 

@@ -22,7 +22,7 @@ from PIL import Image, ImageSequence
 
 from mjrun.errors import EncoderError, FileError, MjrunError, UsageError
 from mjrun.formats.codecs import encoding
-from mjrun.formats.video_writer import VideoWriter, write_video
+from mjrun.formats.ffmpeg import VideoWriter, write_video
 from tests.cases import cases
 
 SIZE = (64, 48)

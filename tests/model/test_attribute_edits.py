@@ -7,8 +7,8 @@ import pytest
 
 from mjrun.errors import UsageError
 from mjrun.model.attribute_edits import changes, with_changes
-from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.model.override import Override
+from mjrun.model.source import physics_fingerprint
 from mjrun.model.sources.file import FileSource
 from mjrun.platform.installation import scene_folder
 from tests.cases import cases, mjcf

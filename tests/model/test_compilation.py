@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from mjrun.errors import BadValueError, BrokenModelError, MjrunError, clean
-from mjrun.model.compilation import non_finite_number
 from mjrun.model.override import Override
+from mjrun.model.source import non_finite_number
 from mjrun.model.sources import load, parse_source
 from tests.cases import cases
 from tests.model.model_files import MODEL, refusal, write

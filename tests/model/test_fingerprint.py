@@ -5,7 +5,7 @@ from collections.abc import Callable
 import mujoco
 import pytest
 
-from mjrun.model.fingerprint import physics_fingerprint
+from mjrun.model.source import physics_fingerprint
 from tests.cases import mjcf
 
 XML = mjcf("textured_box")

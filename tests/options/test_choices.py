@@ -53,8 +53,7 @@ from mjrun.probe.select import select
 from mjrun.rendering import backend, text
 from mjrun.rendering.compositor import RENDERERS as IMPLEMENTED_RENDERERS
 from mjrun.rendering.compositor import columns
-from mjrun.rendering.segmentation import groupings
-from mjrun.rendering.visual import GROUPS, Visual, flags, frame_axes, labels
+from mjrun.rendering.visual import GROUPS, Visual, flags, frame_axes, groupings, labels
 from mjrun.study import executors
 
 OUTPUTS = (VideoOptions, ImageOptions, TraceOptions, PlotOptions, RecordingOptions, KeyframeOptions, ExportOptions)

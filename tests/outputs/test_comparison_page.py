@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import BadValueError, UsageError
-from mjrun.formats.video_writer import write_video
+from mjrun.formats.ffmpeg import write_video
 from mjrun.outputs.diff import LISTED, Diff
 from tests.plotting.test_html_page import external_references, read
 

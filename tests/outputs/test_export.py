@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import mjrun
-from mjrun.camera.rigs.around import FreeRig
+from mjrun.camera.rigs.free_camera import FreeRig
 from mjrun.camera.script import CameraScript, ConditionEvent, Shot
 from mjrun.cli.console import Console
 from mjrun.errors import MjrunError, SimulationError, clean

@@ -27,8 +27,7 @@ from mjrun.physics.stepper import PhysicsStepper
 from mjrun.rendering.backend import WorkingBackend
 from mjrun.rendering.compositor import RENDERERS
 from mjrun.rendering.live_plot import live_plot_size
-from mjrun.rendering.segmentation import check_segmentation_name, groupings
-from mjrun.rendering.visual import visual_of
+from mjrun.rendering.visual import check_segmentation_name, groupings, visual_of
 from mjrun.reporter import PythonApiReporter
 from mjrun.simulation.simulation import Simulation
 

@@ -12,14 +12,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image as Pillow
 
-from mjrun.camera.rigs.around import FreeRig, TrackRig
+from mjrun.camera.rigs.free_camera import FreeRig, TrackRig
 from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.script import CameraScript, ConditionEvent, Shot
 from mjrun.errors import UnknownNameError, UsageError
 from mjrun.outputs.event_detection import EventDetector, conditions, time_of
-from mjrun.outputs.frame_schedule import video_schedule
 from mjrun.outputs.image import Image, ImageResult
 from mjrun.outputs.perform import perform
+from mjrun.outputs.recorded_scene import video_schedule
 from mjrun.outputs.video import Video, VideoResult
 from mjrun.physics.simulation_loop import run_with_taps
 from mjrun.physics.stepper import PhysicsStepper

@@ -10,8 +10,8 @@ from mjrun.errors import UnknownNameError, UsageError
 from mjrun.model.state import save
 from mjrun.options.datasets import LabelledImageOptions
 from mjrun.outputs.labelled_images import AcceptanceConditions, LabelledImage, LabelledImageRenderer, labelled_objects
-from mjrun.rendering.segmentation import SegmentationIds
 from mjrun.rendering.single_render import render
+from mjrun.rendering.visual import SegmentationIds
 
 SIZE = (160, 120)
 CAMERA = "look:from=0/-2/.5,at=0/0/.5"

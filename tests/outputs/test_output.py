@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image as Pillow
 
-from mjrun.camera.rigs.around import FreeRig, TrackRig
+from mjrun.camera.rigs.free_camera import FreeRig, TrackRig
 from mjrun.camera.script import CameraScript, ConditionEvent, Shot
 from mjrun.formats.output_writer import PublishingTransaction, publishing
 from mjrun.options.rendering import ViewOptions

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from PIL import Image as Pillow
 
-from mjrun.camera.rigs.around import FreeRig
+from mjrun.camera.rigs.free_camera import FreeRig
 from mjrun.camera.script import CameraScript, ConditionEvent, Shot
 from mjrun.errors import (
     FailedAssertionError,
@@ -25,17 +25,17 @@ from mjrun.errors import (
     UnstableError,
     UsageError,
 )
-from mjrun.formats.destinations import StagedFile
+from mjrun.formats.ffmpeg import VideoWriter
 from mjrun.formats.manifest import ManifestWriter
+from mjrun.formats.output_writer import StagedFile
 from mjrun.formats.table_writer import TableWriter
-from mjrun.formats.video_writer import VideoWriter
-from mjrun.interruption import interrupt
 from mjrun.outputs.image import Image
 from mjrun.outputs.perform import perform, preview
 from mjrun.outputs.plot import Plot
 from mjrun.outputs.recording import Recording
 from mjrun.outputs.trace import Trace
 from mjrun.outputs.video import Video
+from mjrun.shared_status import interrupt
 from mjrun.simulation.simulation import Simulation
 from tests.formats.file_faults import MOST, fault
 

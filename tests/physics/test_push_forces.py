@@ -10,8 +10,7 @@ import pytest
 
 from mjrun.errors import UnknownNameError, UsageError
 from mjrun.options.simulation import PushKind
-from mjrun.physics.control import ControlSources, PeriodicController
-from mjrun.physics.push_forces import PushForces
+from mjrun.physics.control import ControlSources, PeriodicController, PushForces
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.timeline import rational
 from tests.cases import cases

@@ -16,8 +16,7 @@ from mjrun.model.camera_images import CameraImages
 from mjrun.rendering import classic
 from mjrun.rendering.backend import WorkingBackend
 from mjrun.rendering.classic import ClassicRenderer, check_size
-from mjrun.rendering.segmentation import SegmentationIds
-from mjrun.rendering.visual import Visual
+from mjrun.rendering.visual import SegmentationIds, Visual
 from tests.conftest import SWING, instant
 
 SIZE = (96, 64)

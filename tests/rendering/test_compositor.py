@@ -26,9 +26,8 @@ from mjrun.rendering.compositor import (
     TextAndLivePlots,
     compose_panels,
 )
-from mjrun.rendering.segmentation import SegmentationIds
 from mjrun.rendering.text import stamp
-from mjrun.rendering.visual import Visual
+from mjrun.rendering.visual import SegmentationIds, Visual
 
 SIZE = (64, 48)
 CAMERAS = ("side", "free")

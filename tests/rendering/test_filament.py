@@ -26,8 +26,7 @@ from mjrun.rendering.added_geoms import Ghost
 from mjrun.rendering.backend import WorkingBackend
 from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.filament import FilamentRenderer, check_segmentation, check_visual, omissions
-from mjrun.rendering.segmentation import SegmentationIds
-from mjrun.rendering.visual import Visual
+from mjrun.rendering.visual import SegmentationIds, Visual
 from tests.cases import cases, mjcf
 
 pytestmark = pytest.mark.slow

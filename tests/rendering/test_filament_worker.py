@@ -14,8 +14,7 @@ from mjrun.camera.script_poses import BoundCameraScript
 from mjrun.model.state import save
 from mjrun.rendering.backend import WorkingBackend
 from mjrun.rendering.filament_worker import planar_depth
-from mjrun.rendering.segmentation import SegmentationIds
-from mjrun.rendering.visual import Visual
+from mjrun.rendering.visual import SegmentationIds, Visual
 from mjrun.worker import Worker
 
 SIZE = (48, 32)

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.rendering.segmentation import DRAWN, SegmentationIds, groupings
+from mjrun.rendering.visual import DRAWN, SegmentationIds, groupings
 from tests.cases import mjcf
 
 MODEL = mujoco.MjModel.from_xml_string(mjcf("arm_and_cloth"))

@@ -14,8 +14,8 @@ from PIL import Image
 
 import mjrun
 from mjrun.errors import DrawError, UnknownNameError, UsageError
-from mjrun.rendering.segmentation import SegmentationIds
 from mjrun.rendering.single_render import CACHED
+from mjrun.rendering.visual import SegmentationIds
 
 SIZE = (48, 32)
 XML = """

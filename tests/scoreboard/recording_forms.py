@@ -17,7 +17,7 @@ ROWS = 3
 
 def _good(model: str) -> dict[str, bytes]:
     """Returns the arrays of a recording of a model, as mjrun writes them."""
-    from mjrun.model.fingerprint import model_fingerprint
+    from mjrun.model.source import model_fingerprint
 
     compiled = mujoco.MjModel.from_xml_string(model)
     data = mujoco.MjData(compiled)

@@ -14,8 +14,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import FileError, ModelNotFoundError, UsageError
-from mjrun.model.fingerprint import content_fingerprint
-from mjrun.model.source import ModelSource
+from mjrun.model.source import ModelSource, content_fingerprint
 from mjrun.model.sources import source_of
 from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.simulation.simulation import Simulation

@@ -12,7 +12,7 @@ import pytest
 import mjrun
 from mjrun.model import state
 from mjrun.options.rendering import ViewOptions
-from mjrun.physics.recorded_states import StateBuffer
+from mjrun.physics.simulation_loop import StateBuffer
 from mjrun.rendering.visual import visual_of
 from mjrun.study.episode_files import EpisodeImageRenderer
 from mjrun.timeline import Timeline

@@ -9,7 +9,7 @@ import pytest
 
 from mjrun.experiment.design import Design
 from mjrun.model import state
-from mjrun.model.fingerprint import model_fingerprint
+from mjrun.model.source import model_fingerprint
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.prepared import PreparedStudy, own_values
 from mjrun.study.spec import StudySpec

@@ -10,9 +10,9 @@ import pandas as pd
 import pytest
 
 from mjrun.errors import BadValueError, FailedPointsError, UnknownNameError, UnmadeFilesError, UsageError
+from mjrun.formats.image_and_video_reader import read_video
 from mjrun.formats.study_reader import read_point, read_study
 from mjrun.formats.temporary_output import TemporaryOutput
-from mjrun.formats.video_reader import read_video
 from mjrun.options.sweep import KEPT, KeptFileOptions
 from mjrun.outputs.trace import Trace
 from mjrun.simulation.simulation import Simulation

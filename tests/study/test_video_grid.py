@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mjrun.formats.video_reader import read_video
-from mjrun.formats.video_writer import write_video
+from mjrun.formats.ffmpeg import write_video
+from mjrun.formats.image_and_video_reader import read_video
 from mjrun.study.video_grid import GAP, LARGEST, VideoCell, sheet_layout, write_contact_sheet
 
 COLOURS = [(200, 30, 30), (30, 200, 30), (30, 30, 200)]

@@ -7,8 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.physics.recorded_states import SPILL, ReplayStepper, StateBuffer
-from mjrun.physics.simulation_loop import Tap, run_with_taps
+from mjrun.physics.simulation_loop import SPILL, ReplayStepper, StateBuffer, Tap, run_with_taps
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.task.episode import Actor, ControlInstants, Ending, EpisodeOver, EpisodeReplayStepper, recorded
 from mjrun.task.single_world import SingleWorld, TaskStepper

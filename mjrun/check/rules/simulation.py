@@ -11,8 +11,8 @@ from mjrun.check.rule import Finding, Rule
 from mjrun.check.rules.limits import joints_beyond_range
 from mjrun.check.rules.start_forces import deep_penetrations
 from mjrun.errors import SimulationError, UnstableError
-from mjrun.model import known_bugs
 from mjrun.model.mujoco_globals import collected_warnings
+from mjrun.model.source import bugs_of_model
 from mjrun.physics.stepper import PhysicsStepper
 
 UNSTABLE = Rule("MJ701", "error", "unstable simulation")
@@ -28,7 +28,7 @@ ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
 
 def simulate(context: CheckContext, steps: int) -> Iterator[Finding]:
     """Yields the faults within `steps` steps from the model's initial state, without controls."""
-    for bug in known_bugs.bugs_of_model(context.model):
+    for bug in bugs_of_model(context.model):
         message, _, remedy = bug.partition("; ")
         yield KNOWN_BUG.in_model(context.path, message, remedy)
     if steps and context.model.nv + context.model.na:

@@ -104,7 +104,7 @@ def _summary(file: str | None) -> Generator[Callable[[str], None], None, None]:
     if not path:
         raise UsageError(f"{option('summary')}: name a file, since {SUMMARY} does not")
 
-    from mjrun.formats.destinations import ParentFolders
+    from mjrun.formats.temporary_output import ParentFolders
 
     is_new = not Path(path).exists()
     parents = ParentFolders(Path(path), Path(os.path.realpath(path)).parent)

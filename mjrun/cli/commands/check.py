@@ -129,7 +129,7 @@ def _require_outputs(options: CheckReportOptions) -> None:
 
         check_page_name(options.html)
     for path in filter(None, (options.table, options.html)):
-        from mjrun.formats.destinations import StagedFile
+        from mjrun.formats.output_writer import StagedFile
 
         StagedFile(Path(path)).cleanup()
 

@@ -21,10 +21,10 @@ import pyarrow.parquet
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, UsageError, clean, option
-from mjrun.formats.destinations import StagedFile
 from mjrun.formats.episodes import CameraVideoLayout, EpisodeLayout, EpisodeRows
+from mjrun.formats.local_and_remote_folders import written_file
 from mjrun.formats.mp4_joining import Mp4Samples, join, read_samples
-from mjrun.formats.output_writer import OutputWriter, written_file
+from mjrun.formats.output_writer import OutputWriter, StagedFile
 
 VERSION = "v3.0"
 DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"

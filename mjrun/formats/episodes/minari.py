@@ -17,9 +17,9 @@ import h5py
 import numpy as np
 
 from mjrun.errors import FileError, UsageError, clean, option
-from mjrun.formats.destinations import StagedFile
 from mjrun.formats.episodes import EpisodeLayout, EpisodeRows
-from mjrun.formats.output_writer import OutputWriter, written_file
+from mjrun.formats.local_and_remote_folders import written_file
+from mjrun.formats.output_writer import OutputWriter, StagedFile
 from mjrun.model.table_column import Column
 
 DATA, METADATA = "data/main_data.hdf5", "data/metadata.json"

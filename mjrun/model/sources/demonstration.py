@@ -15,10 +15,9 @@ from mjrun.confinement.confinement import OUTSIDE, advice, is_readable
 from mjrun.dataclass import dataclass
 from mjrun.errors import BrokenModelError, FileError, MjrunError, ModelError, clean, counted, option, quoted
 from mjrun.hdf5.demonstration_list import DemonstrationFileOrigin, DemonstrationList
-from mjrun.model.compilation import compile_spec, load_respecting_confinement, model_errors
 from mjrun.model.model_files import AbsolutePathMjcf, file_content, installed_packages, packages_in, placed
 from mjrun.model.override import ASSETS
-from mjrun.model.source import ModelSource
+from mjrun.model.source import ModelSource, compile_spec, load_respecting_confinement, model_errors
 from mjrun.model.sources.file import parsing_checked
 from mjrun.model.xml_source import is_regular
 from mjrun.packages import require

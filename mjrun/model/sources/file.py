@@ -24,14 +24,6 @@ from mjrun.dataclass import dataclass
 from mjrun.decompression_limits import HINT, excess
 from mjrun.errors import BrokenModelError, CompiledOverrideError, ModelNotFoundError, clean, option, quoted
 from mjrun.model import model_files
-from mjrun.model.compilation import (
-    FAULTS,
-    broken_model,
-    check_model,
-    compile_spec,
-    load_respecting_confinement,
-    model_errors,
-)
 from mjrun.model.model_files import (
     existing_files,
     file_content,
@@ -42,7 +34,16 @@ from mjrun.model.model_files import (
 )
 from mjrun.model.mujoco_globals import drop_outdated_assets, without_log
 from mjrun.model.override import Override
-from mjrun.model.source import CollectionModelSource, ModelSource
+from mjrun.model.source import (
+    FAULTS,
+    CollectionModelSource,
+    ModelSource,
+    broken_model,
+    check_model,
+    compile_spec,
+    load_respecting_confinement,
+    model_errors,
+)
 from mjrun.model.xml_source import scan, with_slashes
 from mjrun.platform.installation import scene_folder
 from mjrun.shared_status import doing

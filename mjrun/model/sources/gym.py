@@ -30,9 +30,8 @@ from mjrun.errors import (
     UsageError,
     clean,
 )
-from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.model.mujoco_globals import collected_warnings
-from mjrun.model.source import CollectionModelSource, ModelSource
+from mjrun.model.source import CollectionModelSource, ModelSource, physics_fingerprint
 from mjrun.model.sources.file import FileSource
 from mjrun.packages import require
 

@@ -10,9 +10,8 @@ import mujoco
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import BrokenModelError, MjrunError, UsageError
-from mjrun.model.compilation import compile_spec, load_respecting_confinement, model_errors
 from mjrun.model.model_files import existing_files
-from mjrun.model.source import ModelSource
+from mjrun.model.source import ModelSource, compile_spec, load_respecting_confinement, model_errors
 from mjrun.model.sources.file import FileSource, parsing_checked
 
 LABEL = Path("<stdin>")

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mjrun.camera.pose import rotation
-from mjrun.camera.rigs.around import FreeRig, OrbitRig, TrackRig
+from mjrun.camera.rigs.free_camera import FreeRig, OrbitRig, TrackRig
 from mjrun.camera.rigs.look import LookRig
 from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.rigs.path import PathRig, Waypoint

@@ -11,8 +11,8 @@ import numpy as np
 
 from mjrun.formats.codecs import encoding
 from mjrun.formats.episodes import CameraVideoLayout, EpisodeLayout, EpisodeRows
+from mjrun.formats.ffmpeg import VideoWriter
 from mjrun.formats.output_writer import publish_together
-from mjrun.formats.video_writer import VideoWriter
 from mjrun.model.table_column import Column
 
 FPS = Fraction(20)

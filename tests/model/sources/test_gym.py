@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from mjrun.errors import BrokenModelError, CompiledOverrideError, MissingExtraError, ModelNotFoundError, UsageError
-from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.override import Override
+from mjrun.model.source import physics_fingerprint
 from mjrun.model.sources import gym, parse_source
 from mjrun.model.sources.gym import GymSource, environment_model, make_environment
 from tests.cases import cases

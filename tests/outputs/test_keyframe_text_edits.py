@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mjrun.formats.keyframe_writer import key_names, with_key
+from mjrun.outputs.keyframe import key_names, with_key
 
 BODIES = b'<worldbody><body mocap="true"><geom size=".1"/></body><body><joint/><geom size=".1"/></body></worldbody>'
 OLD = b'<key name="old" qpos=".5"/>'

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from mjrun.errors import FileError
-from mjrun.formats.keyframe_writer import KeyframeWriter
 from mjrun.model import state
+from mjrun.outputs.keyframe import KeyframeWriter
 
 XML = b"""<mujoco>
   <compiler meshdir="meshes"/>
