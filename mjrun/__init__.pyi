@@ -1,6 +1,6 @@
 """MuJoCo models to videos, images, tables and timing reports; written by scripts/make_stubs.py."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from fractions import Fraction
 from os import PathLike
 from pathlib import Path
@@ -2416,10 +2416,10 @@ def frames(
     seg_by: str = ...,
     text: str | None = ...,
     text_corner: Literal["top-left", "top", "top-right", "bottom-left", "bottom", "bottom-right"] | None = ...,
-) -> Iterator[np.ndarray]:
+) -> Generator[np.ndarray]:
     """Simulates a model, and yields the frames of the video that `mjrun video` makes, with the same pixels.
 
-    The simulation runs when the first frame is asked for, and frames are drawn one after another.
+    The simulation runs when the first frame is asked for, and frames are drawn one after another, in one thread.
 
     Args:
       model: a model as in `mjrun.Simulation`, or a simulation.

@@ -4,7 +4,7 @@ Each function makes what the command of the same purpose makes, with the same op
 """
 
 import weakref
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -50,10 +50,10 @@ def trace(model: Simulated, **options: object) -> Table:
     return rows.table()
 
 
-def frames(model: Simulated, **options: object) -> Iterator[np.ndarray]:
+def frames(model: Simulated, **options: object) -> Generator[np.ndarray]:
     """Simulates a model, and yields the frames of the video that `mjrun video` makes, with the same pixels.
 
-    The simulation runs when the first frame is asked for, and frames are drawn one after another.
+    The simulation runs when the first frame is asked for, and frames are drawn one after another, in one thread.
 
     Args:
       model: a model as in `mjrun.Simulation`, or a simulation.

@@ -28,7 +28,7 @@ from mjrun.python_help import FUNCTIONS, options_of_name
 STUB = Path(mjrun.__file__).with_name("__init__.pyi")
 HEADER = '''"""MuJoCo models to videos, images, tables and timing reports; written by scripts/make_stubs.py."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from fractions import Fraction
 from os import PathLike
 from pathlib import Path
@@ -48,7 +48,7 @@ ARGUMENTS = {
     "task": "ModelSource | str",
     "data": "str | PathLike[str] | Sequence[str | PathLike[str]]",
 }
-RETURNED = {"collections.abc.Iterator[numpy.ndarray]": "Iterator[np.ndarray]"}
+RETURNED = {f"collections.abc.{kind}[numpy.ndarray]": f"{kind}[np.ndarray]" for kind in ("Generator", "Iterator")}
 INTERNAL = {"rows_to"}  # fields of jobs that are no options and not for users
 # Kinds that accept objects of rooms that declarations do not know.
 ACCEPTED: dict[type[AnyKind], str] = {

@@ -1,10 +1,12 @@
 """Results in memory have the numbers and the pixels of the files that commands write."""
 
 import base64
+import contextlib
 import gc
 import re
 import subprocess
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +18,7 @@ import pytest
 
 import mjrun
 from mjrun.document.study import read_folder
-from mjrun.errors import FailedAssertionError, FileError, UnknownNameError
+from mjrun.errors import DrawError, FailedAssertionError, FileError, UnknownNameError
 from mjrun.in_memory import frames
 from mjrun.python_help import OF_FILES
 from tests.processes import largest_file
@@ -63,6 +65,35 @@ def test_frames_are_those_of_the_model_when_they_were_asked_for(swing: Path) -> 
     pictures = mjrun.frames(model, **options)  # type: ignore[arg-type]
     model.geom_rgba[:] = 1
     np.testing.assert_array_equal([*pictures], expected)
+
+
+@pytest.mark.gl
+def test_frames_stay_the_same_if_other_pictures_are_rendered_between_them(swing: Path) -> None:
+    options: dict[str, object] = {"qvel": {"hinge": 3}, "duration": 0.1, "size": (48, 32)}
+    expected = [*mjrun.frames(swing, **options)]  # type: ignore[arg-type]
+    model = mujoco.MjModel.from_xml_string("<mujoco><worldbody><geom size='1' rgba='1 0 0 1'/></worldbody></mujoco>")
+    others, pictures = mjrun.frames(model, duration=1, size=(20, 30)), []
+    for picture in mjrun.frames(swing, **options):  # type: ignore[arg-type]
+        pictures.append(picture)
+        mjrun.render(model, mujoco.MjData(model), size=(30, 20))
+        next(others)
+    np.testing.assert_array_equal(pictures, expected)
+
+    pictures = mjrun.frames(swing, **options)  # type: ignore[arg-type]
+    first = next(pictures)
+    others.close()
+    np.testing.assert_array_equal([first, *pictures], expected)
+
+
+@pytest.mark.gl
+def test_frames_are_never_wrong_in_another_thread(swing: Path) -> None:
+    options: dict[str, object] = {"qvel": {"hinge": 3}, "duration": 0.1, "size": (48, 32)}
+    expected = [*mjrun.frames(swing, **options)]  # type: ignore[arg-type]
+    pictures = mjrun.frames(swing, **options)  # type: ignore[arg-type]
+    with ThreadPoolExecutor(1) as first, ThreadPoolExecutor(1) as second:
+        first.submit(next, pictures).result()
+        with contextlib.suppress(DrawError):  # EGL's contexts belong to one thread
+            np.testing.assert_array_equal(second.submit(next, pictures).result(), expected[1])
 
 
 def test_wrong_options_are_refused_by_name(swing: Path) -> None:

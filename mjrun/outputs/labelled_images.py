@@ -293,7 +293,6 @@ class LabelledImageRenderer:
     def close(self) -> None:
         """Frees the driver's resources."""
         if self._renderer:
-            self._renderer.make_current()
             self._renderer.close()
         self._renderer = None
 

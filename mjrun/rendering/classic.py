@@ -131,7 +131,11 @@ class ClassicRenderer:
         require_own_opengl()
         assert self._gl
         assert self._context
-        self._gl.make_current()
+        try:
+            self._gl.make_current()
+        except Exception as error:  # of the library of the backend
+            reason = "one thread at a time can use an OpenGL context, and another thread uses it"
+            raise DrawError(f"{reason}\nrender, and ask for frames, in one thread") from error
         mujoco.mjr_setBuffer(OFFSCREEN, self._context)
 
     def draft_cost(self) -> float:
@@ -144,6 +148,9 @@ class ClassicRenderer:
 
     def close(self) -> None:
         """Frees the driver's resources; without it, EGL prints tracebacks at exit."""
+        if self._context is not None:
+            with contextlib.suppress(DrawError):
+                self.make_current()  # or else objects with the same numbers in another context would be freed
         if self._buffer is not None:
             self._buffer.free()
         if self._context is not None:

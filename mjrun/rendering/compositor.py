@@ -168,11 +168,16 @@ class SceneCompositor:
         return sum(prod(spec.shape) * spec.dtype.itemsize for spec in self.specs)
 
     def open(self) -> None:
-        """Creates a renderer unless one is open. `CompositorPool` calls this in the process that renders."""
+        """Creates a renderer unless one is open, which it makes current in this thread.
+
+        `CompositorPool` calls this in the process that renders.
+        """
         if self._open_renderer is None:
             self._open_renderer = RENDERERS[self.renderer](
                 self.model, self.size, self.backend, self.visual, self.segmentation, self.decorations
             )
+        elif isinstance(self._open_renderer, ClassicRenderer):
+            self._open_renderer.make_current()
 
     def use(self, renderer: ClassicRenderer | FilamentRenderer) -> None:
         """Renders with an open renderer, which is closed with the compositor."""

@@ -91,11 +91,6 @@ class _CachedRenderer:
             self._motions[text] = BoundCameraScript(parse_camera(text, self.model), self.model, self.size)
         return self._motions[text].pose(state)
 
-    def close(self) -> None:
-        """Frees the renderer in its OpenGL context."""
-        self.renderer.make_current()
-        self.renderer.close()
-
 
 def _free_camera(model: mujoco.MjModel) -> tuple[float, ...]:
     """Returns the numbers of the free camera, which follow from the statistics and visual settings of the model."""
@@ -121,7 +116,7 @@ def _cached_renderer(model: mujoco.MjModel, size: tuple[int, int], visual: Visua
         _renderers.move_to_end(key)
         oldest = next((other for other in _renderers if other[0] == key[0]), key)
         if len(_renderers) > CACHED and oldest != key:
-            _renderers.pop(oldest).close()
+            _renderers.pop(oldest).renderer.close()
         return _renderers[key]
 
 
@@ -130,4 +125,4 @@ def close_renderers() -> None:
     while _renderers:
         _, cached = _renderers.popitem()
         with contextlib.suppress(Exception):  # its thread may have ended
-            cached.close()
+            cached.renderer.close()
