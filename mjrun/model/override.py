@@ -123,7 +123,7 @@ class Override:
     option: str = "set"
 
     def __str__(self) -> str:
-        return f"{self.path}={self.value}"
+        return f"{self.path or self.option}={self.value}"
 
     @property
     def operation(self) -> str:

@@ -94,7 +94,7 @@ class KeyframeWriter(OutputWriter):
         data = mujoco.MjData(loaded)
         mujoco.mj_resetDataKeyframe(loaded, data, identify(loaded, "keyframe", self._name))
         self.write_file(text)
-        return _differences(model, last, state.save(loaded, data))
+        return _differences(_parts(model, last), _parts(loaded, state.save(loaded, data)))
 
     def _compiled(self, text: bytes) -> mujoco.MjModel:
         shown = Path(self.destination.shown)
@@ -112,15 +112,25 @@ class KeyframeWriter(OutputWriter):
 
 def _fields(model: mujoco.MjModel, last: np.ndarray) -> Mapping[str, np.ndarray]:
     """Returns the fields of a state that a key holds."""
-    slices = state.fields(state.sizes(model))
-    return {name: last[slices.get(name, slice(0, 0))] for name in ATTRIBUTES.values()}
+    parts = _parts(model, last)
+    return {name: parts.get(name, np.empty(0)) for name in ATTRIBUTES.values()}
 
 
-def _differences(model: mujoco.MjModel, last: np.ndarray, loaded: np.ndarray) -> list[str]:
-    """Returns a sentence for each field that differs in `loaded`, the state of a start from the key."""
+def _parts(model: mujoco.MjModel, whole: np.ndarray) -> Mapping[str, np.ndarray]:
+    """Returns the fields of an integration state of `model`."""
+    return {name: whole[part] for name, part in state.fields(state.sizes(model)).items()}
+
+
+def _differences(last: Mapping[str, np.ndarray], loaded: Mapping[str, np.ndarray]) -> list[str]:
+    """Returns a sentence for each field of a state `last` that differs in `loaded`, the state of a start from the key.
+
+    Overrides may have added numbers to `last`: a ground adds a body, on which no force acts, and a delay adds history.
+    """
     texts: list[str] = []
-    for name, part in state.fields(state.sizes(model)).items():
-        if name in NOT_STATE or np.array_equal(last[part], loaded[part]):
+    for name, part in last.items():
+        start = np.zeros(len(part))
+        start[: len(loaded.get(name, ()))] = loaded.get(name, ())
+        if name in NOT_STATE or np.array_equal(part, start):
             continue
         if name in QUATERNIONS:
             texts.append(f"MuJoCo normalizes quaternions of keyframes: {name} differs in its last bits")
@@ -249,6 +259,7 @@ def _parse(xml: bytes) -> Element:
 
 
 SUFFIX = ".xml"
+KEY_SIZES = ("nq", "nv", "na", "nu", "nmocap")  # that determine the lengths of the attributes of a key
 
 
 @options
@@ -350,6 +361,10 @@ class OpenKeyframe(output.OpenOutput[KeyframeResult]):
         if origin.overrides:
             model = replace(origin, overrides=()).load()
             overrides = listing([str(override) for override in origin.overrides])
+            for size in KEY_SIZES:
+                if getattr(model, size) != getattr(context.model, size):
+                    reason = f"with {overrides}, {size} is {getattr(context.model, size)}, not {getattr(model, size)}"
+                    raise UsageError(f"the file cannot hold a keyframe of the overridden model: {reason}", ("output",))
             context.reporter.warn(f"{request.output} holds the model without its overrides: {overrides} is left out")
         self._facts = context.facts(request)
         self.taps = [Tap([step], self._record)]

@@ -1,6 +1,7 @@
 """Keyframes and recordings of a simulation."""
 
 import json
+import re
 import warnings
 from pathlib import Path
 from typing import Any
@@ -126,6 +127,39 @@ def test_overrides_are_not_in_the_file_and_that_is_reported(tmp_path: Path) -> N
     (warning,) = reporter.warnings
     assert warning.endswith("without its overrides: opt.gravity=0,0,-1, opt.timestep=0.001 is left out")
     assert load(tmp_path / "a.xml").opt.gravity[2] == -9.81
+
+
+@pytest.mark.parametrize(
+    ("given", "lost"),
+    [({"ground": -5}, []), ({"set": {"actuator/*.delay": "0.01"}}, ["history"])],
+    ids=["ground", "delay"],
+)
+def test_a_keyframe_holds_the_state_of_a_model_that_overrides_have_extended(
+    tmp_path: Path, given: dict[str, Any], lost: list[str]
+) -> None:
+    path, reporter = copied("mocap", tmp_path), RecordingReporter()
+    longer = Simulation(path, steps=50, **given)
+    Keyframe(longer, f"{tmp_path}/a.xml").run(reporter)
+    overrides, *others = reporter.warnings
+    name, value = next(iter(given.items()))
+    setting = f"{name}={float(value)}" if name == "ground" else "actuator/*.delay=0.01"
+    assert overrides.endswith(f"a.xml holds the model without its overrides: {setting} is left out")
+    assert [text.split("does not hold ")[1].split(":")[0] for text in others] == lost
+
+    model, key = longer.source.load(), load(tmp_path / "a.xml").key("end")
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, nstep=50)
+    assert key.qpos.tolist() == data.qpos.tolist()
+    assert key.qvel.tolist() == data.qvel.tolist()
+    assert key.mpos.tolist() == data.mocap_pos.ravel().tolist()
+
+
+def test_a_keyframe_of_a_model_with_other_activations_is_refused_before_the_first_step(tmp_path: Path) -> None:
+    path = copied("mocap", tmp_path)
+    simulation = Simulation(path, duration=1e9, set={"actuator/lag.dyntype": "none"})
+    with pytest.raises(UsageError, match=re.escape("with actuator/lag.dyntype=none, na is 0, not 1")):
+        Keyframe(simulation, f"{tmp_path}/a.xml").run()
+    assert not (tmp_path / "a.xml").exists()
 
 
 def test_what_a_push_leaves_is_reported(tmp_path: Path) -> None:
