@@ -192,7 +192,7 @@ class PreparedEpisodes(PreparedPoints):
         ending = result.message, OUTCOMES[int(outcome)]
         return EpisodeRecord(seed, total, result.steps, length, *ending, rewards, sums, metrics)
 
-    def _keys(self, indices: Sequence[int] | np.ndarray) -> list[str]:
+    def keys_of(self, indices: Sequence[int] | np.ndarray) -> list[str]:
         return [self._all_keys[index] for index in indices]
 
     @cached_property

@@ -2,9 +2,10 @@
 
 import json
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any, cast, overload
 
 import numpy as np
 
@@ -78,6 +79,7 @@ class StudyResults:
       texts: columns of texts, by name: `status`, `message`, and parameters such as models.
       metric_columns: columns of traces that the metrics read.
       units: units of parameters and metrics, by name; of those that have one.
+      with_files: numbers of the points that have files of their present simulation.
       sensitivity: sensitivity of each metric, by the name of the index and of the parameter; empty without a design for
         it.
     """
@@ -89,6 +91,7 @@ class StudyResults:
     texts: Texts
     metric_columns: Sequence[str] = ()
     units: Mapping[str, str] = field(default_factory=dict[str, str])
+    with_files: frozenset[int] = frozenset()
     sensitivity: Mapping[str, Mapping[str, Mapping[str, float]]] = field(
         default_factory=dict[str, Mapping[str, Mapping[str, float]]]
     )
@@ -105,9 +108,8 @@ class StudyResults:
     @property
     def traces(self) -> Mapping[int, Path]:
         """The stored traces, by the number of their point."""
-        folders = point_folders(self.folder)
-        traces = {int(folder.name): folder / TRACE for folder in folders if folder.name.isdecimal()}
-        return {point: path for point, path in traces.items() if path.is_file() and point < len(self)}
+        traces = {point: folder / TRACE for point, folder in point_folders(self.folder).items()}
+        return {point: path for point, path in traces.items() if point in self.with_files and path.is_file()}
 
     def __len__(self) -> int:
         return len(self.texts[STATUS])
@@ -154,7 +156,19 @@ def read_study(folder: str | Path) -> StudyResults:
     columns = manifest.get("columns")
     metric_columns = list(map(str, columns)) if isinstance(columns, list) else []
     sensitivity = _sensitivity(place.path(SENSITIVITY)) if place.has(SENSITIVITY) else {}
-    return StudyResults(place.path(), parameters, metrics, numbers, texts, metric_columns, units, sensitivity)
+    files = _points_with_files(place)
+    return StudyResults(place.path(), parameters, metrics, numbers, texts, metric_columns, units, files, sensitivity)
+
+
+def _points_with_files(folder: Folder) -> frozenset[int]:
+    """Returns the numbers of points that the manifest of a study lists as having files; none if it lists none."""
+    with suppress(OSError, FileError, ValueError), folder.open(MANIFEST) as stream:
+        match json.loads(stream.read()):
+            case {"with_files": list(points)}:
+                return frozenset(point for point in cast("list[object]", points) if isinstance(point, int))
+            case _:
+                pass
+    return frozenset()
 
 
 def _sensitivity(path: str) -> dict[str, dict[str, dict[str, float]]]:
@@ -222,9 +236,9 @@ def _is_text(kind: "pyarrow.DataType") -> bool:
     return types.is_string((types.is_dictionary(kind) and kind.value_type) or kind)
 
 
-def point_folders(folder: str | Path) -> list[Path]:
-    """Returns the folders of single points in the folder of a study."""
-    return sorted(Path(folder).glob(f"{POINTS}/*"))
+def point_folders(folder: str | Path) -> dict[int, Path]:
+    """Returns the folders of single points in the folder of a study, by the number of the point, ascending."""
+    return {int(path.name): path for path in sorted(Path(folder).glob(f"{POINTS}/*")) if path.name.isdecimal()}
 
 
 def read_point(folder: Path) -> Mapping[str, object]:

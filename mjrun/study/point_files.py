@@ -90,8 +90,22 @@ class PointFileMaker:
     def remove_left_behind(self) -> None:
         """Removes what ended processes have left in the folders of points."""
         folder = self._prepared.folder
-        for each in point_folders(folder.path()) if isinstance(folder, LocalFolder) else ():
+        for each in point_folders(folder.path()).values() if isinstance(folder, LocalFolder) else ():
             remove_left_behind(each)
+
+    def points_with_files(self) -> list[int]:
+        """Returns the points that have files of their present simulation, whichever run has made them."""
+        prepared = self._prepared
+        if not isinstance(prepared.folder, LocalFolder):
+            return []
+        count = len(prepared.points.points)
+        folders = {index: path for index, path in point_folders(prepared.folder.path()).items() if index < count}
+        keys = prepared.keys_of([*folders])
+        return [
+            index
+            for (index, path), key in zip(folders.items(), keys, strict=True)
+            if read_point(path).get("key") == key
+        ]
 
     def keep(
         self, columns: Mapping[str, np.ndarray], results: ResultColumns, jobs: int | str, reporter: Reporter

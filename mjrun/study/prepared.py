@@ -125,7 +125,7 @@ class PreparedStudy(PreparedPoints):
         """Hashes for the manifest: of everything that determines all results, and of its parts."""
         return {"digest": self.files.study, "identity": self.identity_hashes}
 
-    def _keys(self, indices: Sequence[int] | np.ndarray) -> Sequence[str]:
+    def keys_of(self, indices: Sequence[int] | np.ndarray) -> Sequence[str]:
         return point_keys(self.identity, self.spec, self.points.at(indices), self._own_values)
 
     @cached_property

@@ -98,15 +98,15 @@ class PreparedPoints(ABC):
         Raises:
           FileError: a file of results cannot be read for lack of permission.
         """
-        return self.files.read(self.numbers, self._keys)
+        return self.files.read(self.numbers, self.keys_of)
 
     @cached_property
     def keys(self) -> Sequence[str]:
         """The key of each point."""
-        return self._keys(range(len(self.points.points)))
+        return self.keys_of(range(len(self.points.points)))
 
     @abstractmethod
-    def _keys(self, indices: Sequence[int] | np.ndarray) -> Sequence[str]:
+    def keys_of(self, indices: Sequence[int] | np.ndarray) -> Sequence[str]:
         """Returns the keys of points: hashes of everything that determines their results, 32 hexadecimal digits."""
 
     def _digest(self) -> str:
@@ -138,7 +138,7 @@ class PreparedPoints(ABC):
         for start in range(0, len(adopted), ADOPTED):
             some = adopted[start : start + ADOPTED]
             points = self.known.points[some]
-            self.files.write(points, self._keys(points), self.known.rows(some))
+            self.files.write(points, self.keys_of(points), self.known.rows(some))
         return len(adopted)
 
     def missing(self, retry_failed: bool = False) -> Sequence[int]:
@@ -247,7 +247,7 @@ class PreparedPoints(ABC):
                         parts.adopt(result.part, places)
                         unread += len(places) - len(result.results)
                     else:
-                        keys = self._keys(places)
+                        keys = self.keys_of(places)
                         if publish:
                             for key, each in zip(keys, result.results, strict=True):
                                 publish(key, each)
@@ -315,7 +315,7 @@ class PreparedPoints(ABC):
         def shared(points: Sequence[int]) -> PartPublisher | None:
             if not is_shared or len(points) < SHARED:
                 return None
-            return self.files.shared(leases.name_of(points[0]), self._keys(points), expected)
+            return self.files.shared(leases.name_of(points[0]), self.keys_of(points), expected)
 
         sizes = self.chunk_sizes(options, ahead)
         chunks = self.chunks(leased, options, sizes, shared)

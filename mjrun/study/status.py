@@ -256,7 +256,7 @@ def remove_unused(folder: str | Path, *, dry_run: bool = False) -> UnusedFiles:
     for name in () if dry_run else [name for some in names.values() for name in some]:
         files.folder.remove(name)
     if isinstance(place, LocalFolder):
-        inner = [*(Path(folder.path()) for folder in files.ranges.folders()), *point_folders(place.path())]
+        inner = [*(Path(folder.path()) for folder in files.ranges.folders()), *point_folders(place.path()).values()]
         counts += _remove_temporary(Path(place.path()), inner, dry_run=dry_run)
         if not dry_run:
             files.ranges.remove_empty()

@@ -277,7 +277,8 @@ class Study(StudyOptions, ExecutionOptions):
             sensitivities=indices,
             confidence=self.confidence,
         )
-        self.write_manifest({**dataclasses.asdict(result), **prepared.identities})
+        with_files = keeper.points_with_files()
+        self.write_manifest({**dataclasses.asdict(result), **prepared.identities, "with_files": with_files})
         if self.html is not None:
             from mjrun.study.study_page import write_study_page
 

@@ -129,6 +129,17 @@ def test_what_ended_processes_have_left_beside_files_of_points_is_removed(
     assert {*folder.iterdir()} == files
 
 
+def test_traces_of_an_older_simulation_are_not_those_of_the_study(study: dict[str, object], tmp_path: Path) -> None:
+    Study(**study, keep=("trace",), keep_lowest=("3:low",)).run()  # type: ignore[arg-type]
+    assert [*read_study(tmp_path / "study").traces] == [0, 1, 2]
+    Study(**study, confidence=0.9).run()  # type: ignore[arg-type]
+    assert [*read_study(tmp_path / "study").traces] == [0, 1, 2]
+    other = {**study, "vary": {"qpos/ball/z": "0.2,0.25,0.4,0.5"}}
+    Study(**other, keep=("trace",), keep_where=("z > 0.45",)).run()  # type: ignore[arg-type]
+    assert len([*(tmp_path / "study" / "points").glob("*/trace.parquet")]) == 4
+    assert [*read_study(tmp_path / "study").traces] == [0, 2, 3]
+
+
 @pytest.mark.usefixtures("half_a_core")
 def test_files_are_made_once_by_as_many_processes_as_the_quota_of_a_container_feeds(
     study: dict[str, object], monkeypatch: pytest.MonkeyPatch

@@ -45,7 +45,7 @@ class PreparedSquares(PreparedPoints):
         shipped = ShippedStudy(PickledWithCode.of(spec, [Squares]), 1, snapshot)
         super().__init__(spec, Design(("x",), [(str(x),) for x in numbers]), shipped, folder, ["square"])
 
-    def _keys(self, indices: Sequence[int] | np.ndarray) -> list[str]:
+    def keys_of(self, indices: Sequence[int] | np.ndarray) -> list[str]:
         return [f"{int(values[0]):032x}" for values in self.points.at(indices)]
 
 

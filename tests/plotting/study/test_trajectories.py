@@ -28,7 +28,13 @@ def results(folder: Path, count: int) -> StudyResults:
         trace.to_parquet(home / "trace.parquet")
     seeds, texts = np.arange(count, dtype=float), {"status": TextColumn.of(["ok"] * count)}
     return StudyResults(
-        str(folder), ["seed"], ["far"], {"seed": seeds, "far": seeds**2}, texts, ["qpos/knee", "xpos/hip/x"]
+        folder=str(folder),
+        parameters=["seed"],
+        metrics=["far"],
+        numbers={"seed": seeds, "far": seeds**2},
+        texts=texts,
+        metric_columns=["qpos/knee", "xpos/hip/x"],
+        with_files=frozenset(range(0, count, 2)),
     )
 
 
