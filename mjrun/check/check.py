@@ -190,7 +190,7 @@ class ModelCheck(PolicyOptions, CheckOptions):
             raise UsageError("no model to check: give model files, or folders that contain some")
         found = len(paths)
         if self.changed_since is not None:
-            from mjrun.check.changed_models import ChangedModels
+            from mjrun.check.baseline import ChangedModels
 
             paths = ChangedModels(self.changed_since).of(paths)
 

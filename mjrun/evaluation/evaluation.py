@@ -25,8 +25,7 @@ from mjrun.errors import (
     option,
 )
 from mjrun.evaluation.episode import FAILURE, EpisodeGroupSpec, PlayedEpisodes
-from mjrun.evaluation.execution import forget_code, play_all
-from mjrun.evaluation.prepared import PreparedEvaluation, Rewritten
+from mjrun.evaluation.prepared import PreparedEvaluation, Rewritten, forget_code, play_all
 from mjrun.evaluation.summaries import (
     FILES,
     PointSummary,
@@ -36,8 +35,7 @@ from mjrun.evaluation.summaries import (
     point_table,
     summaries,
 )
-from mjrun.experiment.mlflow_runs import check_runs, write_runs
-from mjrun.experiment.results_table import manifest_writer, raise_failures
+from mjrun.experiment.results_table import check_runs, manifest_writer, raise_failures, write_runs
 from mjrun.formats.input_file import is_file
 from mjrun.formats.local_and_remote_folders import LocalFolder, require_own_folder
 from mjrun.formats.output_writer import OutputWriter, publish_together

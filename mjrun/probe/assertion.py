@@ -60,8 +60,8 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import clean, concerning, option
 from mjrun.probe import expression as tree
-from mjrun.probe.aggregate import AggregateEvaluator, ChunkBuffer, RowChunk, evaluate_rows, shown
 from mjrun.probe.expression import KnownValues, evaluate, evaluate_truth
+from mjrun.probe.metric import AggregateEvaluator, ChunkBuffer, RowChunk, evaluate_rows, shown
 from mjrun.probe.parser import Parser
 from mjrun.probe.scanner import Vocabulary
 from mjrun.probe.verdict import PartRowCount, Verdict

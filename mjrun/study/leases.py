@@ -26,9 +26,9 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, clean
 from mjrun.formats.local_and_remote_folders import Folder, LocalFolder
 from mjrun.platform import system
-from mjrun.study.columnar_results import ResultColumns
 from mjrun.study.part_files import PartFiles
 from mjrun.study.range_folders import NAME, PointRange, RangeFolders
+from mjrun.study.results import ResultColumns
 
 SUFFIX = ".lease"
 BEAT = 5.0  # [s] between two renewals

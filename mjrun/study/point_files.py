@@ -34,9 +34,8 @@ from mjrun.python_code import PickledWithCode
 from mjrun.reporter import PythonApiReporter, Reporter
 from mjrun.simulation.manifest import plain
 from mjrun.simulation.simulation import Simulation
-from mjrun.study.columnar_results import STATUSES, ResultColumns
 from mjrun.study.prepared import PreparedStudy
-from mjrun.study.results import with_flags
+from mjrun.study.results import STATUSES, ResultColumns, with_flags
 from mjrun.study.spec import PointResult
 from mjrun.worker import Worker, WorkerEndedError
 

@@ -22,11 +22,10 @@ from mjrun.options.sweep import ExecutionOptions
 from mjrun.reporter import Reporter
 from mjrun.study import executors
 from mjrun.study.clusters import LostJobError
-from mjrun.study.columnar_results import ResultColumns, ResultRows
 from mjrun.study.leases import Leases, PointLeaser
 from mjrun.study.part_files import PartFiles, PartPublisher, PartWriter, kept_results_in_errors
 from mjrun.study.range_folders import PointRange
-from mjrun.study.results import FailureReporter
+from mjrun.study.results import FailureReporter, ResultColumns, ResultRows
 from mjrun.study.spec import (
     ChunkResult,
     PointChunk,

@@ -19,10 +19,10 @@ from mjrun.options.sweep import MANIFEST, MOST_POINTS
 from mjrun.platform import system
 from mjrun.plotting.html_page import MAKER, Page, PageFactTable, write_page
 from mjrun.study.clusters import FOLDER as SLURM
-from mjrun.study.columnar_results import ResultColumns
 from mjrun.study.leases import EXPIRY, SUFFIX, Lease, LeaseContent, running_leases
 from mjrun.study.part_files import PartFiles
 from mjrun.study.range_folders import RangeFolders
+from mjrun.study.results import ResultColumns
 
 REFRESH = 5  # [s] between two versions of a page
 RUN = re.compile(r"[0-9a-f]{8}")  # name of the folder of a run in that of Slurm

@@ -14,20 +14,25 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import FailedPointsError, FileError, UnmadeFilesError, clean, option
-from mjrun.experiment import sensitivity
 from mjrun.experiment.design import Design
-from mjrun.experiment.mlflow_runs import check_runs, write_runs
 from mjrun.experiment.results_table import (
     FILES,
     Requirements,
     ResultsTable,
+    check_runs,
     manifest_writer,
     plain_metrics,
     raise_failures,
+    write_runs,
 )
 from mjrun.experiment.samplers import SAMPLES
-from mjrun.experiment.sensitivity import MetricSensitivity
-from mjrun.experiment.statistics import CONFIDENCE
+from mjrun.experiment.statistics import (
+    CONFIDENCE,
+    SENSITIVITY_FILES,
+    MetricSensitivity,
+    sensitivities,
+    sensitivity_table,
+)
 from mjrun.formats.local_and_remote_folders import Folder, folder_at, require_own_folder
 from mjrun.formats.output_writer import OutputWriter, publish_together
 from mjrun.formats.study_reader import read_study
@@ -41,7 +46,6 @@ from mjrun.platform.cores import available_cores
 from mjrun.probe.verdict import Verdict
 from mjrun.reporter import PythonApiReporter, Reporter
 from mjrun.simulation.simulation import Simulation, require_simulation
-from mjrun.study.columnar_results import STATUSES
 from mjrun.study.executors import INTERVAL, QUEUED, WARP, check_engine, process_count
 from mjrun.study.isolation import IsolatedSimulator
 from mjrun.study.leases import EXPIRY, running_leases
@@ -51,6 +55,7 @@ from mjrun.study.prepared import PreparedStudy
 from mjrun.study.range_folders import RangeFolders
 from mjrun.study.results import (
     REPEAT_FILES,
+    STATUSES,
     PointFailureGroup,
     RepeatMeans,
     RepeatSummary,
@@ -66,7 +71,7 @@ if TYPE_CHECKING:
     from mjrun.plotting.table_figure import Table
 
 SCHEMA = "mjrun-sweep-1"
-TABLES = (*FILES, *REPEAT_FILES, *sensitivity.FILES)
+TABLES = (*FILES, *REPEAT_FILES, *SENSITIVITY_FILES)
 FOREIGN = (*TABLES, EVALUATION)  # files that a folder without a study must not have
 OPTIONS = ("simulation", "metrics", "every", "engine", "task", "product")  # parts of an identity; the others are read
 QUANTILES = (0, 0.05, 0.25, 0.5, 0.75, 0.95, 1)
@@ -240,9 +245,9 @@ class Study(StudyOptions, ExecutionOptions):
         indices = list[MetricSensitivity]()
         if self.sampler in SAMPLES:
             seed = self.simulation.seed
-            indices = sensitivity.sensitivities(self.sampler, points.names, values, self.confidence, seed)
+            indices = sensitivities(self.sampler, points.names, values, self.confidence, seed)
         if indices:
-            tables[sensitivity.FILES] = sensitivity.sensitivity_table(indices)
+            tables[SENSITIVITY_FILES] = sensitivity_table(indices)
         files = list[str]()
         with ExitStack() as stack:
             writers = list[TableWriter]()

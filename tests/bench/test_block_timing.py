@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from mjrun.bench.bench import noisy_controls
 from mjrun.bench.block_timing import (
     MJCF,
     SHARE,
@@ -20,7 +21,6 @@ from mjrun.bench.block_timing import (
     phases,
     profile,
 )
-from mjrun.bench.grid_timing import noisy_controls
 from mjrun.errors import UnstableError
 from tests.bench.bench_clocks import BlockClock, FakeClock
 

@@ -8,9 +8,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.bench.bench import Bench
+from mjrun.bench.bench import Bench, distance_from_finer, noisy_controls, position_distance, simulate_to
 from mjrun.bench.block_timing import RolloutInputs
-from mjrun.bench.grid_timing import distance_from_finer, noisy_controls, position_distance, simulate_to
 from mjrun.bench.step_timing import StepTimer
 from mjrun.errors import BadValueError, UnstableError
 from mjrun.model.override import Override

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.bench.grid_timing import halton, noisy_controls
+from mjrun.bench.bench import halton, noisy_controls
 
 MODEL = """
 <mujoco>

@@ -10,9 +10,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.bench.bench import Bench
+from mjrun.bench.bench import Bench, noisy_controls
 from mjrun.bench.block_timing import Clock, RolloutInputs, StepProfile, blocks_of
-from mjrun.bench.grid_timing import noisy_controls
 from mjrun.bench.step_timing import WarpRolloutTimer, WarpSettings
 from mjrun.cli.commands.bench import csv_table, markdown, text
 from mjrun.errors import MjrunWarning, SimulationError, UsageError, spelled

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from mjrun.check.changed_models import ChangedModels
+from mjrun.check.baseline import ChangedModels
 from mjrun.check.check import ModelCheck
 from mjrun.errors import UsageError
 from tests.check.models import MESH, hinged, mjcf, write

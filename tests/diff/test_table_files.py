@@ -27,8 +27,7 @@ from mjrun.formats.tables import csv as csv_format
 from mjrun.model.table_column import Column
 from mjrun.options.diff import TableDiffOptions
 from mjrun.outputs.diff import TABLE, VIDEO, kind_of
-from mjrun.study.columnar_results import ResultColumns
-from mjrun.study.results import study_table
+from mjrun.study.results import ResultColumns, study_table
 from mjrun.study.spec import PointResult
 from tests.formats.table_files import write
 

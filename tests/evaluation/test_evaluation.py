@@ -14,7 +14,7 @@ import mjrun
 from mjrun.document.json_schema import report_schema
 from mjrun.errors import FailedAssertionError, FailedEpisodesError, FileError, MjrunWarning, TerminatedError
 from mjrun.evaluation.evaluation import SCHEMA, Evaluation, EvaluationResult
-from mjrun.evaluation.execution import play_all
+from mjrun.evaluation.prepared import play_all
 from mjrun.evaluation.summaries import FILES
 from mjrun.formats.temporary_output import TemporaryOutput
 from mjrun.options.sweep import PARTS

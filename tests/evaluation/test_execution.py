@@ -11,8 +11,7 @@ import pytest
 
 from mjrun.errors import UsageError
 from mjrun.evaluation.episode import EpisodeRecord, player_of
-from mjrun.evaluation.execution import PreparedEpisodes, play_all
-from mjrun.evaluation.prepared import PreparedEvaluation
+from mjrun.evaluation.prepared import PreparedEpisodes, PreparedEvaluation, play_all
 from mjrun.options.evaluation import EvaluationOptions
 from mjrun.options.sweep import ExecutionOptions
 from mjrun.reporter import PythonApiReporter

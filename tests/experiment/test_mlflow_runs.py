@@ -6,8 +6,7 @@ from pathlib import Path
 import pytest
 
 from mjrun.errors import FileError, UsageError
-from mjrun.experiment.mlflow_runs import MOST, check_runs, write_runs
-from mjrun.experiment.results_table import POINT, ResultsTable
+from mjrun.experiment.results_table import MOST_RUNS, POINT, ResultsTable, check_runs, write_runs
 from mjrun.model.table_column import Column
 
 PARAMETERS = ("geom/wood.friction[0]", "geom/wood.friction(0)", "../../seed", "model")
@@ -53,9 +52,9 @@ def test_mlflow_reads_every_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
 
 def test_other_files_and_too_many_points_are_refused(tmp_path: Path) -> None:
-    check_runs(str(tmp_path), MOST)
+    check_runs(str(tmp_path), MOST_RUNS)
     with pytest.raises(UsageError, match="export_to: 10,001 points would be as many runs"):
-        check_runs(str(tmp_path), MOST + 1)
+        check_runs(str(tmp_path), MOST_RUNS + 1)
     (tmp_path / "123" / "tags").mkdir(parents=True)
     with pytest.raises(FileError, match="holds files that mjrun has not written"):
         write_runs(str(tmp_path), "slide", table([1.0]), PARAMETERS, {})

@@ -7,7 +7,7 @@ import pytest
 import scipy
 
 from mjrun.experiment.samplers import LEVELS, SAMPLES, STEP, morris, saltelli
-from mjrun.experiment.sensitivity import (
+from mjrun.experiment.statistics import (
     SensitivityIndex,
     elementary_effects,
     sensitivities,

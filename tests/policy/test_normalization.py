@@ -12,9 +12,15 @@ import numpy as np
 import pytest
 
 from mjrun.errors import FileError, UsageError
-from mjrun.policy.load import PythonPolicy
+from mjrun.policy.load import (
+    InertPickledObject,
+    NormalizedPolicy,
+    PythonPolicy,
+    normalized,
+    read_inert,
+    read_statistics,
+)
 from mjrun.policy.loaders.onnx import OnnxPolicy
-from mjrun.policy.normalization import InertPickledObject, NormalizedPolicy, normalized, read_inert, read_statistics
 from tests.policy.networks import LEFT_RIGHT, linear
 
 MEAN, VAR = np.array([1.0, -2.0]), np.array([4.0, 0.0])

@@ -12,10 +12,9 @@ import scipy.stats
 from mjrun.errors import ControllerError, FileError, MjrunError, UnknownNameError, UsageError
 from mjrun.options.option import options_of
 from mjrun.options.policy import PolicyOptions
-from mjrun.policy.load import PythonPolicy, RandomPolicy, ZeroPolicy, load_policy
+from mjrun.policy.load import NormalizedPolicy, PythonPolicy, RandomPolicy, ZeroPolicy, load_policy
 from mjrun.policy.loaders import formats, loaders
 from mjrun.policy.loaders.onnx import OnnxPolicy, is_mjlab, mjlab_facts
-from mjrun.policy.normalization import NormalizedPolicy
 from mjrun.policy.policy import ActionSpace, Actor, ObservationFacts, Policy, require_trusted_file
 from tests.cases import cases
 from tests.policy.action_spaces import unbounded

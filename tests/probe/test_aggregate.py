@@ -8,9 +8,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mjrun.errors import UsageError
-from mjrun.probe.aggregate import CHUNK, ChunkBuffer, RowChunk, ShareAccumulator, accumulator, shown
 from mjrun.probe.expression import AGGREGATES
-from mjrun.probe.metric import MetricEvaluator, parse_metric
+from mjrun.probe.metric import (
+    CHUNK,
+    ChunkBuffer,
+    MetricEvaluator,
+    RowChunk,
+    ShareAccumulator,
+    accumulator,
+    parse_metric,
+    shown,
+)
 from tests.cases import cases
 from tests.probe.expression_oracle import ODD, VALUES, aggregate, judged
 

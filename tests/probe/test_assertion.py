@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from mjrun.errors import clean
 from mjrun.probe import assertion
-from mjrun.probe.aggregate import CHUNK
 from mjrun.probe.assertion import Verdict, parse
+from mjrun.probe.metric import CHUNK
 from tests.cases import cases
 from tests.probe.expression_oracle import COLUMNS, INF, NAN, judged
 
@@ -141,7 +141,6 @@ MODULES = (
     "verdict",
     "metric",
     "row_expression",
-    "aggregate",
     "expression",
     "parser",
     "scanner",

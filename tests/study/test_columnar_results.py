@@ -7,7 +7,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjrun.study.columnar_results import FINAL, NOT_YET, STATUSES, ResultColumns, ResultRows
+from mjrun.study.results import FINAL, NOT_YET, STATUSES, ResultColumns, ResultRows
 from mjrun.study.spec import PointResult, Status
 
 COUNT = 5

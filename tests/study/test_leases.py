@@ -19,11 +19,11 @@ from mjrun.errors import FileError
 from mjrun.platform import system
 from mjrun.reporter import PythonApiReporter
 from mjrun.simulation.simulation import Simulation
-from mjrun.study.columnar_results import ResultColumns, ResultRows
 from mjrun.study.leases import BEAT, EXPIRY, POLL, Leases, PointLeaser
 from mjrun.study.part_files import PartFiles
 from mjrun.study.prepared import PreparedStudy
 from mjrun.study.range_folders import SIZES
+from mjrun.study.results import ResultColumns, ResultRows
 from mjrun.study.spec import PointResult, Status
 from mjrun.study.study import Study
 

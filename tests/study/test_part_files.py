@@ -16,9 +16,9 @@ import pytest
 from mjrun.document.task import read_task
 from mjrun.errors import FileError
 from mjrun.simulation.simulation import Simulation
-from mjrun.study.columnar_results import ResultRows
 from mjrun.study.leases import Leases
 from mjrun.study.part_files import PartFiles, PartWriter, point_keys, study_identity
+from mjrun.study.results import ResultRows
 from mjrun.study.spec import PointResult, StudySpec
 from tests.packages import planted
 from tests.study.models import BALL

@@ -7,8 +7,7 @@ import pandas as pd
 
 from mjrun.experiment.design import Design
 from mjrun.experiment.results_table import BLOCK
-from mjrun.study.columnar_results import ResultColumns
-from mjrun.study.results import MOST_REASONS, FailureReporter, point_failures, study_table
+from mjrun.study.results import MOST_REASONS, FailureReporter, ResultColumns, point_failures, study_table
 from mjrun.study.spec import PointResult, Status
 from tests.reporters import RecordingReporter
 

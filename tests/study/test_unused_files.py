@@ -9,9 +9,9 @@ import pytest
 
 from mjrun.errors import FileError
 from mjrun.formats.temporary_output import TemporaryOutput
-from mjrun.study.columnar_results import ResultRows
 from mjrun.study.leases import EXPIRY, Leases
 from mjrun.study.part_files import PartFiles
+from mjrun.study.results import ResultRows
 from mjrun.study.spec import PointResult
 from mjrun.study.status import remove_unused
 

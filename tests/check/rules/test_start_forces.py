@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mjrun.check.context import CheckContext
-from mjrun.check.rules import contacts, start_forces
+from mjrun.check.rules import contacts, simulation
 from mjrun.model.xml_source import read_xml
 from tests.cases import cases
 from tests.check.models import hinged, lint, mjcf
@@ -42,9 +42,9 @@ def test_a_direct_spring_is_stiff_exactly_when_its_steps_diverge(stiffness: floa
     model = mujoco.MjModel.from_xml_string("<mujoco/>")
     model.opt.timestep = step
     margin = 2 * step * damping + step**2 * stiffness
-    spring = start_forces.ConstraintSpring("geom", 0, "solref", (-stiffness, -damping))
+    spring = simulation.ConstraintSpring("geom", 0, "solref", (-stiffness, -damping))
     if abs(margin / 4 - 1) > 0.05:
-        is_stiff = bool(start_forces.stiffness_problem(model, spring))
+        is_stiff = bool(simulation.stiffness_problem(model, spring))
         assert is_stiff == steps_until_it_diverges(spring.solref, step)
 
 
@@ -103,7 +103,7 @@ def test_a_cause_with_a_rule_of_its_own_is_not_reported_as_violent_forces(text: 
     path = Path("violent.xml")
     path.write_text(text)
     context = CheckContext.load(path, read_xml(path))
-    assert start_forces.constraint_accelerations(context.model, context.data_at(None)).max() > 20 * 9.81
+    assert simulation.constraint_accelerations(context.model, context.data_at(None)).max() > 20 * 9.81
     assert [f.code for f in lint(text)] == [cause]
 
 
@@ -113,7 +113,7 @@ def test_bodies_are_thrown_as_a_bare_step_throws_them() -> None:
     context = CheckContext.load(path, read_xml(path))
     data = mujoco.MjData(context.model)
     mujoco.mj_step(context.model, data)
-    thrown = start_forces.constraint_accelerations(context.model, context.data_at(None))
+    thrown = simulation.constraint_accelerations(context.model, context.data_at(None))
     np.testing.assert_allclose(thrown[1], abs(data.qvel[0]) / 1e-5, rtol=1e-6)
 
 
