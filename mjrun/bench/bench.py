@@ -20,9 +20,9 @@ import mujoco
 import numpy as np
 
 from mjrun.bench import output_timing
-from mjrun.bench.baseline import SCHEMA, check_same, compare, read_base, steps_of, workload_obstacle
 from mjrun.bench.block_timing import Clock, ReferenceWorkloadInfo, ReferenceWorkloadTimer, RolloutInputs
 from mjrun.bench.results import (
+    SCHEMA,
     BenchResult,
     BenchSettings,
     EngineInfo,
@@ -31,7 +31,12 @@ from mjrun.bench.results import (
     MachineInfo,
     ModelInfo,
     StepCounts,
+    check_same,
+    compare,
     machine_info,
+    read_base,
+    steps_of,
+    workload_obstacle,
 )
 from mjrun.bench.step_timing import (
     LEFT_OUT,

@@ -28,7 +28,6 @@ from mjrun.model.xml_source import CUBE_FACES, scan
 from mjrun.reporter import PythonApiReporter, Reporter
 from mjrun.shared_status import doing
 
-# Kinds of files by the elements that refer to them.
 # Words for files, by the elements that refer to them.
 KINDS = {"include": "include", "model": "attached model", "texture": "texture", "flexcomp": "flexcomp"}
 # The fields that hold the size of an asset.

@@ -21,10 +21,9 @@ from mjrun.model.state import is_bounded
 from mjrun.options.task import LAGGED
 from mjrun.physics.control import ControlSources
 from mjrun.physics.stepper import SLEEP, STATE, PhysicsStepper
-from mjrun.task.batch_columns import ACCELERATION, ALL, NONE, BatchColumns, MeasurementPlan, Rows
+from mjrun.task.batch_columns import ACCELERATION, ALL, NONE, BatchColumns, MeasurementPlan, Rows, SingleMjData
 from mjrun.task.episode import Actor, ControlInstant, Ending, EpisodeColumnNames, ask
 from mjrun.task.expressions import RUNNING, ExpressionInputs, Fill, Judge
-from mjrun.task.mjdata_batch import SingleMjData
 from mjrun.task.task import Task
 from mjrun.task.worlds import TaskStep, TaskWorlds, action_array
 from mjrun.timeline import rational

@@ -35,6 +35,7 @@ from mjrun.task.batch_columns import (
     POSITION,
     BatchColumns,
     MeasurementPlan,
+    MjDataBatch,
     Rows,
     SourceWithSensors,
     can_sense,
@@ -42,7 +43,6 @@ from mjrun.task.batch_columns import (
 from mjrun.task.episode import Ending, Endings
 from mjrun.task.episode_start import EpisodeModels, EpisodeStarts
 from mjrun.task.expressions import ACTION, COMMAND, NOTHING, RUNNING, ExpressionInputs, TaskExpressions
-from mjrun.task.mjdata_batch import MjDataBatch
 from mjrun.task.observation_plan import BatchObservations, ObservationPlan, ObservedNumber
 from mjrun.task.random_streams import CommandSignals
 from mjrun.task.task import Task

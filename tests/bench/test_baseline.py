@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjrun.bench.baseline import (
+from mjrun.bench.results import (
     TimingSamples,
     check_same,
     compare,

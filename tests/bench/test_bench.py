@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from mujoco.batch import Batch
 
-from mjrun.bench.baseline import BaselineComparison
 from mjrun.bench.block_timing import BatchRolloutTimer, Clock
+from mjrun.bench.results import BaselineComparison
 from mjrun.bench.step_timing import StepTimer
 from mjrun.errors import BadValueError, FileError, ModelNotFoundError, UsageError
 from mjrun.model.override import Override

@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from mjrun.bench.baseline import BaselineComparison, MissingTiming, TimingComparison
 from mjrun.bench.bench import Bench
 from mjrun.bench.block_timing import StepPhase
-from mjrun.bench.results import BenchResult
+from mjrun.bench.results import BaselineComparison, BenchResult, MissingTiming, TimingComparison
 from mjrun.cli.commands.bench import csv_table, digits, duration, markdown, sections, text
 from tests.cases import cases, mjcf
 from tests.page_cells import PageCells

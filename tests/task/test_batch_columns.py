@@ -10,8 +10,15 @@ from mjrun.model.sources import parse_source
 from mjrun.probe.episode_columns import EpisodeProbe
 from mjrun.probe.fields import RecordedFieldProbe
 from mjrun.probe.select import select, selected_columns
-from mjrun.task.batch_columns import ALL, SENSED, BatchColumns, MeasurementPlan, SourceWithSensors, can_sense
-from mjrun.task.mjdata_batch import MjDataBatch
+from mjrun.task.batch_columns import (
+    ALL,
+    SENSED,
+    BatchColumns,
+    MeasurementPlan,
+    MjDataBatch,
+    SourceWithSensors,
+    can_sense,
+)
 
 SOURCE = parse_source("scene:dominos")
 MODEL = SOURCE.load()

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from mujoco.batch import Batch, SimulationError
 
-from mjrun.task.mjdata_batch import MjDataBatch
+from mjrun.task.batch_columns import MjDataBatch
 
 BALLS = """<mujoco><size memory="MEMORY"/><option integrator="INTEGRATOR"/><worldbody><geom type="plane" size="5 5 1"/>
 <replicate count="4" offset=".15 0 .05"><body pos="0 0 .3"><freejoint/><geom size=".1"/></body></replicate>

@@ -19,10 +19,9 @@ from mjrun.options.bench import SUMMARY, BenchOptions, BenchReportOptions
 from mjrun.options.every_command import opened_file
 
 if TYPE_CHECKING:
-    from mjrun.bench.baseline import BaselineComparison
     from mjrun.bench.block_timing import StepPhase
     from mjrun.bench.output_timing import FrameTiming, LoadTiming, OutputTiming
-    from mjrun.bench.results import BenchResult, GridPointResult, IntegrationAccuracy
+    from mjrun.bench.results import BaselineComparison, BenchResult, GridPointResult, IntegrationAccuracy
     from mjrun.bench.statistics import SampleStatistics
     from mjrun.plotting.html_page import Page
 
