@@ -90,9 +90,14 @@ class ProcessStop:
             if self._worker:
                 self._worker.kill()
 
+    def close(self) -> None:
+        """Frees what the process that has been ended leaves in this one, once its thread has ended, too."""
+        if self._worker:
+            self._worker.close()
+
 
 class LocalExecutor(ThreadPoolExecutor):
-    """An executor with `count` threads for `run_chunk`; an error in its `with` block ends them and their processes."""
+    """An executor with `count` threads for `run_chunk`; the end of its `with` block ends them and their processes."""
 
     def __init__(self, count: int) -> None:
         self._stops = list[ProcessStop]()
@@ -102,12 +107,13 @@ class LocalExecutor(ThreadPoolExecutor):
         _processes.stop = ProcessStop()
         self._stops.append(_processes.stop)
 
-    def __exit__(self, error: type[BaseException] | None, *_: object) -> None:
+    def __exit__(self, *_: object) -> None:
         self.shutdown(wait=False, cancel_futures=True)
-        if error:  # the files that the processes read, and those that the threads write, are about to be removed
-            for stop in self._stops:
-                stop.request()
-            self.shutdown()
+        for stop in self._stops:
+            stop.request()
+        self.shutdown()  # after an error, the files that the threads write are about to be removed
+        for stop in self._stops:
+            stop.close()
 
 
 class IsolatedSimulator:

@@ -1,5 +1,6 @@
 """Processes that simulate points: one that crashes or hangs costs its point alone, and may start early."""
 
+import gc
 import os
 import signal
 import subprocess
@@ -96,6 +97,20 @@ def test_an_error_ends_threads_and_processes_that_simulate(spec: StudySpec) -> N
     assert stop._worker
     assert not stop._worker.process.running
     assert isinstance(future.exception(timeout=0), CancelledError)  # not a result, which would be that of a crash
+
+
+def test_no_process_is_left_after_a_study(spec: StudySpec) -> None:
+    wanted = points(spec, "ball")
+    gc.disable()  # which would end those that are garbage, at some time
+    try:
+        with LocalExecutor(2) as executor:
+            result = executor.submit(run_chunk, PointChunk(shipped(spec, wanted), wanted)).result()
+            (worker,) = [stop._worker for stop in executor._stops if stop._worker]
+    finally:
+        gc.enable()
+    assert [point.status for point in result.results] == ["ok"]
+    assert not worker.process.running
+    assert worker.connection.closed
 
 
 def test_a_process_that_is_killed_from_outside_is_replaced(spec: StudySpec) -> None:
