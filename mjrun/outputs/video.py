@@ -88,14 +88,20 @@ class Video(VideoOptions, VideoOrImageRequest["VideoResult"]):
         return output.OutputPlan(
             preview=output.OutputPreview("video", self.output, count, "frames", frames.size_of(file), about),
             until=context.timeline.steps,
-            open=partial(self.opened, frames, schedule),
+            open=partial(self.open_files, frames, schedule),
             enable_flags=frames.enable_flags,
             conditions=frames.scene.conditions,
         )
 
-    def opened(self, *arguments: Any) -> "output.OpenOutput[Any]":
-        """Returns the video with open files; `arguments` are those of `OpenVideo` after the request."""
-        return OpenVideo(self, *arguments)
+    def open_files(
+        self,
+        frames: FramePlan,
+        schedule: FrameSchedule | None,
+        stack: ExitStack,
+        backends: output.RenderingResources,
+    ) -> "output.OpenOutput[Any]":
+        """Opens the files; see `OutputPlan.open`."""
+        return OpenVideo(self, frames, schedule, stack, backends)
 
 
 @dataclass(frozen=True)
@@ -263,8 +269,14 @@ class VideoInMemory(Video):
     def files(self) -> list[tuple[str, str]]:
         return []
 
-    def opened(self, *arguments: Any) -> "output.OpenOutput[Any]":
-        return OpenVideoInMemory(self, *arguments)
+    def open_files(
+        self,
+        frames: FramePlan,
+        schedule: FrameSchedule | None,
+        stack: ExitStack,
+        backends: output.RenderingResources,
+    ) -> "output.OpenOutput[Any]":
+        return OpenVideoInMemory(self, frames, schedule, stack, backends)
 
 
 class OpenVideoInMemory(output.OpenOutput[output.OutputResult]):
