@@ -4,7 +4,7 @@ the noise, and predictions with those of the original model.
 
 import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import field, replace
 
 import numpy as np
@@ -20,6 +20,8 @@ from mjrun.errors import (
     option,
     spelled,
 )
+from mjrun.fitting.correlated_noise import correlations as noise_correlations
+from mjrun.fitting.correlated_noise import seen
 from mjrun.fitting.free_parameter import MARGIN, free_parameters, require_effect, values_at
 from mjrun.fitting.information import Sensitivity, bound_reached, intervals, sensitivity
 from mjrun.fitting.measurements import (
@@ -84,6 +86,7 @@ class NoiseRatios:
       reduced: reduced χ², about 1 if the model explains all but noise.
       loss: loss function of the residuals.
       estimate: parameters by regression on simulated logs, if contacts make the motion rough.
+      correlation: largest correlation of the noise of consecutive samples of a signal.
     """
 
     residuals: Floats
@@ -92,6 +95,7 @@ class NoiseRatios:
     reduced: float
     loss: str
     estimate: RegressionEstimate | None
+    correlation: float = 0.0
 
     def warning(self) -> str | None:
         """Returns a sentence on a misfit, or None."""
@@ -131,6 +135,14 @@ class NoiseRatios:
             f"reduced χ² of {self.reduced:.3g} may come from contacts alone"
         )
 
+    def remarks(self) -> list[str]:
+        """Returns sentences on the noise and on residuals beyond it that need no warning."""
+        of_noise = (
+            f"the noise of the log is correlated, by {self.correlation:.2g} from one sample to the next, and larger "
+            "than its high frequencies suggest"
+        )
+        return [each for each in (of_noise if self.correlation else None, self.remark()) if each]
+
     def refusal(self, columns: Sequence[Column], noise: Floats) -> str | None:
         """Returns the reason why nothing is written; None if the residuals are acceptable."""
         bad = np.flatnonzero((self.ratios > HOPELESS) & (self.shares > HOPELESS_SHARE)).tolist()
@@ -147,8 +159,20 @@ class NoiseRatios:
         )
 
 
-def misfit(solution: Solution, noise: Floats, rotations: Sequence[Sequence[int]]) -> NoiseRatios:
-    """Compares the residuals of a solution with the noise of the log."""
+def misfit(
+    solution: Solution, noise: Floats, rotations: Sequence[Sequence[int]], set_by_user: Collection[int] = ()
+) -> NoiseRatios:
+    """Compares the residuals of a solution with the noise of the log.
+
+    High frequencies show only a share of noise that is correlated from sample to sample, so that it is larger.
+
+    Args:
+      noise: standard deviation of the noise of each signal, `(signals,)`, as that of white noise.
+      set_by_user: indices of the signals whose noise the user has set.
+    """
+    correlations = _correlations(solution)
+    correlations[[*set_by_user]] = 0.0
+    noise = noise / shared(np.sqrt(seen(correlations)), rotations)
     values = np.concatenate([part.values for part in solution.chunks])
     spread = shared(spread_of(values, solution.loss), rotations)
     left = shared(solution.noise_scale, rotations)
@@ -156,7 +180,18 @@ def misfit(solution: Solution, noise: Floats, rotations: Sequence[Sequence[int]]
     numbers = sum(int(np.isfinite(each).sum()) for each in solution.residuals)
     reduced = float((ratios**2).mean()) * numbers / max(numbers - solution.unknowns, 1)
     shares = left / np.where(spread > 0, spread, np.nan)
-    return NoiseRatios(left, ratios, shares, reduced, solution.loss, solution.estimate)
+    correlation = float(correlations.max())
+    return NoiseRatios(left, ratios, shares, reduced, solution.loss, solution.estimate, correlation)
+
+
+def _correlations(solution: Solution) -> Floats:
+    """Returns the correlation of the noise of consecutive samples of each signal, `(signals,)`; 0 if it is white."""
+    if solution.loss != "linear":
+        return np.zeros(len(solution.noise))
+    if solution.estimate:
+        found = solution.estimate.correlations
+        return np.zeros(len(solution.noise)) if found is None else found.copy()
+    return noise_correlations(solution.residuals)
 
 
 def all_at_bounds(paths: Sequence[str], coordinates: Floats) -> str | None:
@@ -296,7 +331,8 @@ class _Run:
         self._predictor = Predictor(simulation, self._measurements.signals, self._parameters)
         self._require_enough()
         self._noise = first_noise([each.values for each in self._fitted.segments], self._measurements.rotations)
-        for place, deviation in set_noise(fit.noise, self._measurements.signals).items():
+        self._set_noise = set_noise(fit.noise, self._measurements.signals)
+        for place, deviation in self._set_noise.items():
             self._noise[place] = deviation
         starting = StateGuesses(model, self._measurements.signals, state.save(model, data), self._noise)
         self._shooting = ShootingFit(self._predictor, self._parameters, starting, fit.loss, simulation.seed)
@@ -311,8 +347,8 @@ class _Run:
         search = self._searched(starts)
         last = self._own_noise(search.best)
         known = sensitivity([last], self._parameters)
-        left = misfit(search.best, self._noise, self._measurements.rotations)
-        if remark := left.remark():
+        left = misfit(search.best, self._noise, self._measurements.rotations, self._set_noise)
+        for remark in left.remarks():
             self._reporter.note(remark)
         failures = self._predictor.failures.sentence(self._parameters)
         hints = [each for each in (left.warning(), failures) if each]
@@ -339,7 +375,7 @@ class _Run:
         """Writes the model with the best parameters so far; returns None without any."""
         if self._latest is None:
             return None
-        left = misfit(self._latest, self._noise, self._measurements.rotations)
+        left = misfit(self._latest, self._noise, self._measurements.rotations, self._set_noise)
         last = self._own_noise(self._latest)
         result = self._result(last, sensitivity([last], self._parameters), left, {}, [], [], partial=True)
         return self._outputs.publish(result, {}, self._logs, self._reporter, model_alone=True)
@@ -491,7 +527,7 @@ class _Run:
             len(self._fitted.segments),
             self._predictor.rollouts,
             [],
-            [*self._measurements.remarks, *filter(None, [left.remark()]), *map(spelled, hints)],
+            [*self._measurements.remarks, *left.remarks(), *map(spelled, hints)],
             ways,
             [],
             time.perf_counter() - self._begin,

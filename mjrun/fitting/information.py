@@ -13,6 +13,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import clean, listing
+from mjrun.fitting.correlated_noise import DOUBT, are_white, samples_by_signal
 from mjrun.fitting.free_parameter import FreeParameter, values_at
 from mjrun.fitting.shooting_problem import STATE_SCALE, Floats, Solution
 
@@ -22,8 +23,6 @@ LEAST = 2.0
 SHARE = 0.01  # least effect, relative to the largest, of a parameter in an undetermined combination
 BLOCKS = 20  # fewest blocks
 DRAWS = 4000
-LAGS = 8  # largest distance of rows whose correlation is tested
-DOUBT = 0.005  # probability that white residuals are rejected
 UNIFORM = 12.0  # inverse variance of a coordinate that may have any value from 0 to 1
 AT_BOUND = 1e-3  # distance from a bound, as a share of the range
 MOST_LEVERAGE = 0.9  # of a block: a parameter that one block alone determines leaves no residuals
@@ -223,8 +222,8 @@ def _quantiles(
 def is_white(solution: Solution, informations: Floats, scores: Floats, whole: Floats) -> bool:
     """Tests whether residuals are independent of each other.
 
-    Two tests: correlations between rows (G. M. Ljung, G. E. P. Box, "On a measure of lack of fit in time series
-    models", 1978), and whether the gradients of blocks are as small in every direction as those of white noise.
+    Two tests: correlations between rows, and whether the gradients of blocks are as small in every direction as those
+    of white noise.
 
     Args:
       informations: information matrices of blocks of rows, `(blocks, p, p)`.
@@ -233,13 +232,7 @@ def is_white(solution: Solution, informations: Floats, scores: Floats, whole: Fl
     """
     from scipy import special
 
-    statistic, tested = 0.0, 0
-    for residuals in np.concatenate([np.nan_to_num(each) for each in solution.residuals]).T:
-        total = float(residuals @ residuals)
-        lags = [float(residuals[lag:] @ residuals[:-lag]) / max(total, 1e-300) for lag in range(1, LAGS + 1)]
-        statistic += len(residuals) * float(np.square(lags).sum())
-        tested += LAGS
-    if statistic > special.chdtri(tested, DOUBT):
+    if not are_white(samples_by_signal(solution.residuals)):
         return False
 
     root = _inverse_root(whole)

@@ -227,6 +227,11 @@ class ShootingFit:
         opening, problem = (self._problem(each, coordinates, states, noise, fixed=fixed) for each in (openings, parts))
         search = RegressionSearch(problem, opening, self._seed, advanced)
         nearest, estimate = self._run(search.estimate())
+        if search.may_be_correlated:
+            other = RegressionSearch(problem, opening, self._seed, advanced, is_correlated=True)
+            other_nearest, other_estimate = self._run(other.estimate())
+            if other_estimate and other_estimate.correlations is not None:
+                search, nearest, estimate = other, other_nearest, other_estimate
         place = None if coordinates is None else nearest.coordinates
         problem = self._problem(parts, place, problem.states(nearest), noise, fixed=fixed)
         end = self._run(GaussNewton(problem).minimize(CONTACT_EVALUATIONS, ROUGH_TOLERANCE))

@@ -59,11 +59,14 @@ class RegressionEstimate:
       draws: coordinates that the log permits, `(draws, p)`.
       probability: probability that a log of this model differs as much from the simulations as the real one does.
       lack: what the model lacks, if the log shows it.
+      correlations: correlations of consecutive samples of the noise of each signal, `(signals,)`, if correlated noise
+        explains the log; otherwise None.
     """
 
     draws: Floats
     probability: float
     lack: ModelLack | None = None
+    correlations: Floats | None = None
 
     @property
     def is_likely(self) -> bool:

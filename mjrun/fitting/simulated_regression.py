@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjrun.dataclass import dataclass
+from mjrun.fitting.correlated_noise import portmanteau, slow_power, whitened
 from mjrun.fitting.gauss_newton import solve_normal, state_spread
 from mjrun.fitting.shooting_problem import (
     PENALTY,
@@ -54,6 +55,12 @@ APPROXIMATIONS = 2
 REACH = 100.0  # standard deviation of what compensates for a change of the model, in those of the last round
 CERTAIN = 3.0  # standard deviations beyond which a log shows a change: 1 % for three, with `NOISE_TOLERANCE`
 MOST_TRIALS = 20  # draws of a point until its coordinates are within bounds
+SHARES = np.append(np.arange(0, 10) / 10, (0.95, 0.98))  # correlations of consecutive samples that are compared
+SCALES = np.geomspace(
+    0.1, 100, 61
+)  # standard deviations of correlated noise that are compared, in those of white noise
+CLEARLY = 15.0  # twice the difference of logarithmic likelihoods beyond which noise is correlated
+STRANGE = 0.01  # probability below which a rest is no noise
 RIDGES = np.geomspace(0.1, 1e6, 29)  # penalties that are compared, in variances of the noise
 
 
@@ -95,16 +102,30 @@ class RegressionSearch:
         be off.
       seed: seed of all draws.
       advanced: called with the nearest simulation of each round.
+      is_correlated: whether noise is correlated from sample to sample; otherwise it is white, and has the standard
+        deviations of the problem.
+
+    Attributes:
+      may_be_correlated: whether correlated noise explains a log better, after an estimate with white noise.
     """
 
     def __init__(
-        self, problem: ShootingProblem, opening: ShootingProblem, seed: int, advanced: Advanced | None = None
+        self,
+        problem: ShootingProblem,
+        opening: ShootingProblem,
+        seed: int,
+        advanced: Advanced | None = None,
+        *,
+        is_correlated: bool = False,
     ) -> None:
         self._problem, self._opening, self._advanced = problem, opening, advanced
         self._generator = np.random.default_rng(seed)
         self._covariances = deque[tuple[Floats, Floats]](maxlen=LINEAR_ROUNDS)
         self._widths = np.zeros(0)  # standard deviations of the unknowns in the last round
         self._last: _Round | None = None  # simulations with the estimated coordinates
+        self._is_correlated, self.may_be_correlated = is_correlated, False
+        self._noise: _CorrelatedNoise | None = None  # white if None
+        self._samples = _places_of_samples(problem.known)
 
     def estimate(self) -> Simulating[tuple[Unknowns, RegressionEstimate | None]]:
         """Draws and regresses until the errors no longer decrease.
@@ -121,6 +142,9 @@ class RegressionSearch:
             drawn, nearest = yield from self._simulated(unknowns, nearest)
             if len(drawn.unknowns) < LEAST_SIMULATIONS:
                 return nearest, None
+            if self._is_correlated:
+                self._noise = self._likeliest_noise(drawn)
+                self._whiten(drawn)
             if self._advanced:
                 self._advanced((yield from self._solution(nearest)))
             regressed, errors = self._regressed(drawn)
@@ -144,11 +168,17 @@ class RegressionSearch:
         errors = errors / np.sqrt(np.maximum(gains, LEAST_GAIN))  # draws near an estimate hold it there, like a prior
         draws = np.clip(estimate[:free] + errors[:, :free], 0, 1)
         probability = self._probability(drawn)
+        correlations = None
+        if self._noise and self._noise.shares.any() and self._has_white_rest(drawn.residuals):
+            correlations = self._noise.shares
+        elif not self._is_correlated and self._problem.loss == "linear" and free:
+            self.may_be_correlated = bool(self._likeliest_noise(drawn).shares.any())
         self._widths = drawn.unknowns.std(axis=0)
         del drawn
         unknowns[:, :free] = estimate[:free]
         self._last, nearest = yield from self._simulated(unknowns, self._point(estimate))
-        return nearest, RegressionEstimate(draws, probability)
+        self._whiten(self._last)
+        return nearest, RegressionEstimate(draws, probability, correlations=correlations)
 
     def lack(self, changes: Sequence[Override]) -> Simulating[ModelLack | None]:
         """Returns the change of the model that the log shows most clearly, or None; after an estimate.
@@ -179,6 +209,7 @@ class RegressionSearch:
             moved, _ = yield from self._simulated(drawn, self._point(drawn[0]), (change,))
             if not len(moved.unknowns):
                 return 0.0, 0.0
+            self._whiten(moved)
             offset = moved.unknowns.mean(axis=0) - shift - last.unknowns.mean(axis=0)
             effect = moved.residuals.mean(axis=0) * last.weights - middle - offset @ slopes
             products = self._products(slopes, middle, effect)
@@ -269,6 +300,42 @@ class RegressionSearch:
     def _known(self, values: Sequence[Floats]) -> list[Floats]:
         return [each[known] for each, known in zip(values, self._problem.known, strict=True)]
 
+    def _likeliest_noise(self, drawn: _Round) -> "_CorrelatedNoise":
+        """Returns the noise with which the log is most likely one of the simulations of a round."""
+        found = [_likeliest_noise([drawn.residuals[:, each] for each in parts]) for parts in self._samples]
+        return _CorrelatedNoise(*np.transpose(found))
+
+    def _whiten(self, drawn: _Round) -> None:
+        """Changes residuals in place so that their noise is white with a standard deviation of 1; logs may be long."""
+        if not self._noise:
+            return
+        for parts, scale, share in zip(self._samples, self._noise.scales, self._noise.shares, strict=True):
+            for places in parts:
+                drawn.residuals[:, places] = whitened(drawn.residuals[:, places] / scale, share)
+
+    def _has_white_rest(self, rows: Floats) -> bool:
+        """Returns whether the log, less what simulations explain of it, is as uncorrelated as simulated logs are.
+
+        Args:
+          rows: simulations and priors, `(points, numbers)`; they are centred in place.
+        """
+        middle, count, farther = rows.mean(axis=0), len(rows), 0
+        rows -= middle
+        between = rows @ rows.T
+        for fold in range(FOLDS):
+            is_tested = np.arange(count) % FOLDS == fold
+            others = np.flatnonzero(~is_tested)
+            tested = rows[is_tested]
+            logs = np.concatenate([-middle[None], tested + self._generator.normal(size=tested.shape)])
+            inner = between[np.ix_(others, others)] + len(others) * np.eye(len(others))
+            shares = np.zeros((len(logs), count))
+            shares[:, others] = np.linalg.solve(inner, (rows @ logs.T)[others]).T
+            logs -= shares @ rows
+            signals = [[logs[:, each] for each in parts] for parts in self._samples]
+            own, *theirs = np.sum([portmanteau(parts) + slow_power(parts) for parts in signals], axis=0)
+            farther += int((np.array(theirs) >= own).sum())
+        return (1 + farther) / (1 + count) >= STRANGE
+
     def _regressed(self, drawn: _Round) -> tuple[Floats, Floats]:
         """Returns the unknowns of the log, `(unknowns,)`, and the errors for the simulated ones, `(points, unknowns)`.
 
@@ -334,6 +401,19 @@ class RegressionSearch:
 
 
 @dataclass(frozen=True, eq=False)
+class _CorrelatedNoise:
+    """Noise that is correlated from sample to sample.
+
+    Attributes:
+      scales: standard deviation of each signal, in those of white noise, `(signals,)`.
+      shares: correlation of consecutive samples of each signal, `(signals,)`.
+    """
+
+    scales: Floats
+    shares: Floats
+
+
+@dataclass(frozen=True, eq=False)
 class _Products:
     """Scalar products of simulations, slopes, the effect of a change and the log, each without the mean simulation.
 
@@ -387,6 +467,53 @@ def _distances(between: Floats, to_logs: Floats, squares: Floats) -> Floats:
     lengths = squares - 2 * cross.mean(axis=0) - means.mean()
     shared = vectors.T @ (cross - cross.mean(axis=0))
     return lengths - (shared**2 / (count - 1 + np.maximum(values, 0.0))[:, None]).sum(axis=0)
+
+
+def _places_of_samples(known: Sequence[NDArray[np.bool_]]) -> list[list[NDArray[np.int64]]]:
+    """Returns the places of the samples of each signal in each chunk among all residuals.
+
+    Args:
+      known: masks of the measured values of each chunk, `(n, signals)`.
+    """
+    places: list[list[NDArray[np.int64]]] = [[] for _ in known[0].T]
+    first = 0
+    for mask in known:
+        numbers = first + np.cumsum(mask).reshape(mask.shape) - 1
+        for parts, column, is_known in zip(places, numbers.T, mask.T, strict=True):
+            parts.append(column[is_known])
+        first += int(mask.sum())
+    return places
+
+
+def _likeliest_noise(parts: Sequence[Floats]) -> tuple[float, float]:
+    """Returns the standard deviation and the correlation of the noise of a signal; 1 and 0 if it may be white.
+
+    Args:
+      parts: residuals of simulations in each chunk, `(points, n)`.
+    """
+    count, numbers = len(parts[0]), sum(each.shape[1] for each in parts)
+    variances = SCALES[:, None] ** 2
+    least, best, white = np.inf, (1.0, 0.0), np.inf
+    for share in SHARES:
+        rows = np.concatenate([whitened(each, share) for each in parts], axis=1)
+        middle = rows.mean(axis=0)
+        rows -= middle
+        squares, vectors = np.linalg.eigh(rows @ rows.T)
+        squares = np.maximum(squares, 1e-12 * max(float(squares[-1]), 1e-300))
+        along = (vectors.T @ (rows @ middle)) ** 2 / squares
+        squares /= count
+        rank = min(count - 1, numbers)
+        squares, along = squares[-rank:], along[-rank:]
+        rest = max(float(middle @ middle) - float(along.sum()), 0.0)
+        cost = (np.log(variances + squares) + along / (variances + squares)).sum(axis=1)
+        cost += (numbers - rank) * np.log(variances[:, 0]) + rest / variances[:, 0]
+        cost += (numbers - len(parts)) * np.log(1 - share**2)
+        place = int(cost.argmin())
+        if share == 0:
+            white = float(cost.min())
+        if cost[place] < least:
+            least, best = float(cost[place]), (float(SCALES[place]), float(share))
+    return best if least < white - CLEARLY else (1.0, 0.0)
 
 
 def _away_from_neighbours(residuals: Floats) -> Floats:

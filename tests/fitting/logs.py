@@ -4,6 +4,7 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+from scipy import signal
 
 TRUTH = {"damping": 0.05, "armature": 0.01, "frictionloss": 0.02}
 NOMINAL = {"damping": 0.3, "armature": 0.05, "frictionloss": 0.1}
@@ -64,3 +65,9 @@ def write_log(path: Path, columns: dict[str, np.ndarray]) -> Path:
 def noisy(angles: np.ndarray, seed: int = 0) -> np.ndarray:
     """Angles with white noise."""
     return angles + np.random.default_rng(seed).normal(0, NOISE, len(angles))
+
+
+def correlated(share: float, shape: tuple[int, ...], seed: int) -> np.ndarray:
+    """Autoregressive noise with a standard deviation of 1, along the first axis."""
+    innovations = np.sqrt(1 - share**2) * np.random.default_rng(seed).normal(size=(100 + shape[0], *shape[1:]))
+    return signal.lfilter([1], [1, -share], innovations, axis=0)[100:]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mjrun.fitting.information import all_information, intervals
-from mjrun.fitting.measurements import LogSegment
+from mjrun.fitting.measurements import LogSegment, first_noise
 from mjrun.fitting.shooting_fit import ShootingFit
 from mjrun.fitting.shooting_problem import (
     UNLIKELY,
@@ -23,6 +23,7 @@ from mjrun.fitting.shooting_problem import (
     with_noise,
 )
 from mjrun.fitting.simulated_regression import RegressionSearch, _away_from_neighbours, _Products, _Round
+from tests.fitting.logs import correlated
 from tests.fitting.problems import THREE, predictor_of, segments, shooting, shooting_of, solved
 
 SLIDE = """<mujoco>
@@ -42,8 +43,12 @@ FREE = (("joint/x.damping", "0..1"), ("geom/floor.friction[0]", "0.05..1"))
 EVERY, ROWS = 5, 200
 
 
-def slide_log(seed: int, damping: float = DAMPING, stiffness: float = 0.0) -> LogSegment:
-    """A box that a motor pushes until it slides, again and again, by a bare loop of MuJoCo."""
+def slide_log(seed: int, damping: float = DAMPING, stiffness: float = 0.0, share: float = 0.0) -> LogSegment:
+    """A box that a motor pushes until it slides, again and again, by a bare loop of MuJoCo.
+
+    Args:
+      share: correlation of the noise of consecutive rows.
+    """
     model = mujoco.MjModel.from_xml_string(SLIDE.format(damping, FRICTION))
     model.jnt_stiffness[0] = stiffness
     data, generator = mujoco.MjData(model), np.random.default_rng(seed)
@@ -56,7 +61,8 @@ def slide_log(seed: int, damping: float = DAMPING, stiffness: float = 0.0) -> Lo
         controls.append(data.ctrl[0])
         for _ in range(EVERY):
             mujoco.mj_step(model, data)
-    values = np.array(places)[:, None] + generator.normal(0, NOISE, (ROWS, 1))
+    errors = correlated(share, (ROWS, 1), seed) if share else generator.normal(size=(ROWS, 1))
+    values = np.array(places)[:, None] + NOISE * errors
     return LogSegment("log", np.array(times), values, np.array(controls)[:, None])
 
 
@@ -144,6 +150,24 @@ def test_outliers_and_misfits_show_beside_a_rough_motion(
     assert (search._probability(drawn) >= UNLIKELY) == is_likely
 
 
+@pytest.mark.parametrize(("share", "wave", "is_noise"), [(0.8, 0.0, True), (0.5, 0.0, True), (0.0, 5.0, False)])
+def test_correlated_noise_explains_a_log_and_a_misfit_is_no_noise(share: float, wave: float, is_noise: bool) -> None:
+    """Simulations differ by smooth curves as above, and a wave between their knots is as correlated as noise."""
+    shoot, _ = shooting(THREE)
+    (log,) = segments()
+    generator, rows, count = np.random.default_rng(0), len(log.times), 100
+    curves = 100 * np.cumsum(generator.normal(size=(1 + count, 20)), axis=1) @ _bumps(20, rows)
+    measured = curves[0] + wave * np.sin(2 * np.pi * np.linspace(0, 19, rows)) + correlated(share, (rows,), 0)
+    search = search_of(shoot, log, np.full(3, 0.5), 1.0)
+    drawn = _Round(np.zeros((count, 3)), np.pad(curves[1:] - measured, ((0, 0), (0, 3))), np.ones(rows + 3))
+    search._noise = search._likeliest_noise(drawn)
+    assert search._noise.shares.any()
+    if is_noise:
+        assert search._noise.shares == pytest.approx([share], abs=0.15)
+    search._whiten(drawn)
+    assert search._has_white_rest(drawn.residuals) == is_noise
+
+
 def test_a_robust_loss_ignores_an_outlier_in_the_first_rows(monkeypatch: pytest.MonkeyPatch) -> None:
     """The fourth value of a pendulum's log, to which its initial state is guessed, is wrong by 50 mrad."""
     monkeypatch.setattr("mjrun.fitting.simulated_regression.WIDE", 0.03)
@@ -188,6 +212,25 @@ def test_a_log_of_another_system_is_unlikely(
     shoot, _ = slide_shooting(tmp_path, log, free)
     _, estimate = regressed(shoot, search_of(shoot, log, np.array(start), NOISE))
     assert not estimate.is_likely
+    other = shoot._regressed(shoot.cut([log]), np.array(start), np.array([NOISE])).estimate
+    assert other
+    assert other.correlations is None
+
+
+@pytest.mark.slow
+def test_correlated_noise_beside_contacts_is_no_misfit(tmp_path: Path) -> None:
+    log = slide_log(0, share=0.8)
+    shoot, _ = slide_shooting(tmp_path, log)
+    noise_of_log = first_noise([log.values])
+    assert noise_of_log[0] < 0.6 * NOISE
+    estimate = shoot._regressed(shoot.cut([log]), np.array([0.16, 0.6]), noise_of_log).estimate
+    assert estimate
+    assert estimate.correlations == pytest.approx([0.8], abs=0.15)
+    assert estimate.is_likely
+    assert estimate.lack is None
+    assert (
+        np.abs(estimate.draws.mean(axis=0) - [DAMPING, (FRICTION - 0.05) / 0.95]) < 2.5 * estimate.draws.std(axis=0)
+    ).all()
 
 
 def test_a_direction_is_weighted_by_the_covariance_of_others() -> None:

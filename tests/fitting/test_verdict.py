@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import signal
 
 from mjrun.fitting.fit import all_at_bounds, improvement, misfit
 from mjrun.fitting.shooting_problem import ModelLack, RegressionEstimate, Solution
@@ -45,6 +46,23 @@ def test_reduced_chi_square_is_that_of_the_noise_that_is_known() -> None:
     assert "joint/*.damping" in (doubled.warning() or "")
     assert "huber" in (doubled.warning() or "")
     assert "huber" not in (misfit(replace(solution, loss="cauchy"), solution.noise / 2, ()).warning() or "huber")
+
+
+def test_noise_that_is_correlated_is_no_misfit_unless_its_size_is_known() -> None:
+    """Third differences of this noise show about an eighth of its variance."""
+    solution = with_residuals(signal.lfilter([0.6], [1, -0.8], noise(3), axis=0))
+    (residuals,) = solution.residuals
+    seen = np.std(np.diff(residuals, 3, axis=0)) / np.sqrt(20) * solution.noise
+    fit = misfit(solution, seen, ())
+    assert fit.warning() is None
+    assert fit.reduced == pytest.approx(1, abs=0.4)
+    assert any("correlated" in each for each in fit.remarks())
+    known = misfit(solution, seen, (), {0})
+    assert known.reduced > 4
+    assert known.warning()
+    assert not known.remarks()
+    slow = 3 * np.sin(np.arange(len(residuals)) / 20)[:, None]
+    assert misfit(with_residuals(noise(3) + slow), solution.noise, ()).warning()
 
 
 def test_residuals_far_beyond_the_noise_are_refused_where_they_are_a_part_of_the_signal() -> None:
