@@ -227,8 +227,8 @@ class ShootingFit:
         opening, problem = (self._problem(each, coordinates, states, noise, fixed=fixed) for each in (openings, parts))
         search = RegressionSearch(problem, opening, self._seed, advanced)
         nearest, estimate = self._run(search.estimate())
-        if search.may_be_correlated:
-            other = RegressionSearch(problem, opening, self._seed, advanced, is_correlated=True)
+        if correlated := search.correlated_noise:
+            other = RegressionSearch(problem, opening, self._seed, advanced, noise=correlated)
             other_nearest, other_estimate = self._run(other.estimate())
             if other_estimate and other_estimate.correlations is not None:
                 search, nearest, estimate = other, other_nearest, other_estimate

@@ -41,7 +41,7 @@ PART = 4096  # numbers of all logs that are multiplied at once
 MOST_ROUNDS = 16
 MOST_BEYOND = 3  # rounds whose estimates may lie beyond what was drawn, as those of a wrong model do
 WIDE = 0.3  # standard deviation of coordinates in the first round
-DOUBTFUL = 3.0  # standard deviation of states in the first round, in errors of the first rows
+DOUBTFUL = 3.0  # standard deviation of states in the first round, in errors of the first rows by white noise
 FARTHEST = 0.3  # largest deviation of a state in the first round
 BEYOND = 2.0  # standard deviation of later rounds, in errors of the one before
 SETTLED = 0.8  # ratio of errors to the least before at which a round is no better
@@ -102,11 +102,11 @@ class RegressionSearch:
         be off.
       seed: seed of all draws.
       advanced: called with the nearest simulation of each round.
-      is_correlated: whether noise is correlated from sample to sample; otherwise it is white, and has the standard
+      noise: noise that is correlated from sample to sample, to begin with; None for white noise with the standard
         deviations of the problem.
 
     Attributes:
-      may_be_correlated: whether correlated noise explains a log better, after an estimate with white noise.
+      correlated_noise: noise that explains the log better, after an estimate with white noise; None without any.
     """
 
     def __init__(
@@ -116,15 +116,14 @@ class RegressionSearch:
         seed: int,
         advanced: Advanced | None = None,
         *,
-        is_correlated: bool = False,
+        noise: "CorrelatedNoise | None" = None,
     ) -> None:
         self._problem, self._opening, self._advanced = problem, opening, advanced
         self._generator = np.random.default_rng(seed)
         self._covariances = deque[tuple[Floats, Floats]](maxlen=LINEAR_ROUNDS)
         self._widths = np.zeros(0)  # standard deviations of the unknowns in the last round
         self._last: _Round | None = None  # simulations with the estimated coordinates
-        self._is_correlated, self.may_be_correlated = is_correlated, False
-        self._noise: _CorrelatedNoise | None = None  # white if None
+        self._noise, self.correlated_noise = noise, None
         self._samples = _places_of_samples(problem.known)
 
     def estimate(self) -> Simulating[tuple[Unknowns, RegressionEstimate | None]]:
@@ -142,7 +141,7 @@ class RegressionSearch:
             drawn, nearest = yield from self._simulated(unknowns, nearest)
             if len(drawn.unknowns) < LEAST_SIMULATIONS:
                 return nearest, None
-            if self._is_correlated:
+            if self._noise:
                 self._noise = self._likeliest_noise(drawn)
                 self._whiten(drawn)
             if self._advanced:
@@ -169,10 +168,12 @@ class RegressionSearch:
         draws = np.clip(estimate[:free] + errors[:, :free], 0, 1)
         probability = self._probability(drawn)
         correlations = None
-        if self._noise and self._noise.shares.any() and self._has_white_rest(drawn.residuals):
-            correlations = self._noise.shares
-        elif not self._is_correlated and self._problem.loss == "linear" and free:
-            self.may_be_correlated = bool(self._likeliest_noise(drawn).shares.any())
+        if self._noise:
+            if self._noise.shares.any() and self._has_white_rest(drawn.residuals):
+                correlations = self._noise.shares
+        elif self._problem.loss == "linear" and free:
+            noise = self._likeliest_noise(drawn)
+            self.correlated_noise = noise if noise.shares.any() else None
         self._widths = drawn.unknowns.std(axis=0)
         del drawn
         unknowns[:, :free] = estimate[:free]
@@ -246,7 +247,8 @@ class RegressionSearch:
         roots = yield from state_spread(self._opening)
         start, free = self._problem.start, self._problem.free
         coordinates = self._within(start.coordinates[:free], WIDE * np.eye(free))
-        drawn = DOUBTFUL * self._generator.normal(size=(SIMULATIONS, *roots.shape[:2]))
+        doubt = DOUBTFUL * (float(self._noise.scales.max()) if self._noise else 1.0)
+        drawn = doubt * self._generator.normal(size=(SIMULATIONS, *roots.shape[:2]))
         moves = np.clip(np.einsum("cij,ncj->nci", roots, drawn), -FARTHEST, FARTHEST)
         return np.concatenate([coordinates, (start.deviations + moves).reshape(SIMULATIONS, -1)], axis=1)
 
@@ -300,10 +302,10 @@ class RegressionSearch:
     def _known(self, values: Sequence[Floats]) -> list[Floats]:
         return [each[known] for each, known in zip(values, self._problem.known, strict=True)]
 
-    def _likeliest_noise(self, drawn: _Round) -> "_CorrelatedNoise":
+    def _likeliest_noise(self, drawn: _Round) -> "CorrelatedNoise":
         """Returns the noise with which the log is most likely one of the simulations of a round."""
         found = [_likeliest_noise([drawn.residuals[:, each] for each in parts]) for parts in self._samples]
-        return _CorrelatedNoise(*np.transpose(found))
+        return CorrelatedNoise(*np.transpose(found))
 
     def _whiten(self, drawn: _Round) -> None:
         """Changes residuals in place so that their noise is white with a standard deviation of 1; logs may be long."""
@@ -401,7 +403,7 @@ class RegressionSearch:
 
 
 @dataclass(frozen=True, eq=False)
-class _CorrelatedNoise:
+class CorrelatedNoise:
     """Noise that is correlated from sample to sample.
 
     Attributes:
