@@ -226,14 +226,21 @@ class ShootingFit:
         states = self.guessed(parts, coordinates)
         opening, problem = (self._problem(each, coordinates, states, noise, fixed=fixed) for each in (openings, parts))
         search = RegressionSearch(problem, opening, self._seed, advanced)
+        end = self._ended(search, problem, coordinates is None)
+        correlated, lack = search.correlated_noise, end.estimate.lack if end.estimate else None
+        if correlated and correlated.explains_more(lack):
+            search = RegressionSearch(problem, opening, self._seed, advanced, noise=correlated)
+            other = self._ended(search, problem, coordinates is None)
+            if other.estimate and other.estimate.correlations is not None:
+                return other
+        return end
+
+    def _ended(self, search: RegressionSearch, problem: ShootingProblem, is_nominal: bool) -> Solution:
+        """Returns the end of a regression, from which derivatives have led as far as the estimate permits."""
         nearest, estimate = self._run(search.estimate())
-        if correlated := search.correlated_noise:
-            other = RegressionSearch(problem, opening, self._seed, advanced, noise=correlated)
-            other_nearest, other_estimate = self._run(other.estimate())
-            if other_estimate and other_estimate.correlations is not None:
-                search, nearest, estimate = other, other_nearest, other_estimate
-        place = None if coordinates is None else nearest.coordinates
-        problem = self._problem(parts, place, problem.states(nearest), noise, fixed=fixed)
+        place = None if is_nominal else nearest.coordinates
+        fixed = not problem.free
+        problem = self._problem(problem.parts, place, problem.states(nearest), problem.noise, fixed=fixed)
         end = self._run(GaussNewton(problem).minimize(CONTACT_EVALUATIONS, ROUGH_TOLERANCE))
         if estimate and problem.free:
             errors = estimate.draws.std(axis=0)

@@ -60,6 +60,7 @@ SCALES = np.geomspace(
     0.1, 100, 61
 )  # standard deviations of correlated noise that are compared, in those of white noise
 CLEARLY = 15.0  # twice the difference of logarithmic likelihoods beyond which noise is correlated
+MUCH = 4.0  # ratio of the gain by correlated noise to that by what a model lacks beyond which it is noise
 STRANGE = 0.01  # probability below which a rest is no noise
 RIDGES = np.geomspace(0.1, 1e6, 29)  # penalties that are compared, in variances of the noise
 
@@ -409,10 +410,16 @@ class CorrelatedNoise:
     Attributes:
       scales: standard deviation of each signal, in those of white noise, `(signals,)`.
       shares: correlation of consecutive samples of each signal, `(signals,)`.
+      gains: twice the differences of the logarithmic likelihoods of signals from those with white noise, `(signals,)`.
     """
 
     scales: Floats
     shares: Floats
+    gains: Floats
+
+    def explains_more(self, lack: ModelLack | None) -> bool:
+        """Returns whether such noise explains the log much better than what the model may lack beside white noise."""
+        return float(self.gains.sum()) > (MUCH * lack.deviations**2 if lack else 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -487,15 +494,17 @@ def _places_of_samples(known: Sequence[NDArray[np.bool_]]) -> list[list[NDArray[
     return places
 
 
-def _likeliest_noise(parts: Sequence[Floats]) -> tuple[float, float]:
+def _likeliest_noise(parts: Sequence[Floats]) -> tuple[float, float, float]:
     """Returns the standard deviation and the correlation of the noise of a signal; 1 and 0 if it may be white.
+
+    The third number is twice the difference of logarithmic likelihoods from white noise with a standard deviation of 1.
 
     Args:
       parts: residuals of simulations in each chunk, `(points, n)`.
     """
     count, numbers = len(parts[0]), sum(each.shape[1] for each in parts)
     variances = SCALES[:, None] ** 2
-    least, best, white = np.inf, (1.0, 0.0), np.inf
+    least, best, white, assumed = np.inf, (1.0, 0.0), np.inf, np.inf
     for share in SHARES:
         rows = np.concatenate([whitened(each, share) for each in parts], axis=1)
         middle = rows.mean(axis=0)
@@ -512,10 +521,10 @@ def _likeliest_noise(parts: Sequence[Floats]) -> tuple[float, float]:
         cost += (numbers - len(parts)) * np.log(1 - share**2)
         place = int(cost.argmin())
         if share == 0:
-            white = float(cost.min())
+            white, assumed = float(cost.min()), float(cost[int(np.abs(SCALES - 1).argmin())])
         if cost[place] < least:
             least, best = float(cost[place]), (float(SCALES[place]), float(share))
-    return best if least < white - CLEARLY else (1.0, 0.0)
+    return (*best, assumed - least) if least < white - CLEARLY else (1.0, 0.0, 0.0)
 
 
 def _away_from_neighbours(residuals: Floats) -> Floats:

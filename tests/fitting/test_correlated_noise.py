@@ -59,9 +59,10 @@ def test_the_likeliest_noise_is_that_of_the_log_beside_rough_simulations(share: 
     sines = np.sin(np.outer(np.arange(1, 11), np.arange(300) / 60))
     curves = 30 * np.random.default_rng(0).normal(size=(101, 10)) @ sines
     log = curves[0] + (2 if share else 1) * correlated(share, (300,), 10)
-    scale, found = _likeliest_noise([curves[1:, :200] - log[:200], curves[1:, 200:] - log[200:]])
+    scale, found, gain = _likeliest_noise([curves[1:, :200] - log[:200], curves[1:, 200:] - log[200:]])
     if share:
         assert found == pytest.approx(share, abs=0.1)
         assert scale == pytest.approx(2, rel=0.25)
+        assert gain > 100
     else:
-        assert (scale, found) == (1, 0)
+        assert (scale, found, gain) == (1, 0, 0)

@@ -266,6 +266,7 @@ def test_damping_that_a_model_lacks_shows_although_little_remains(tmp_path: Path
     estimate = shoot._regressed(shoot.cut([log]), np.array([0.4]), np.array([NOISE])).estimate
     assert estimate
     assert estimate.is_likely
+    assert estimate.correlations is None
     if damping:
         assert estimate.lack
         assert estimate.lack.path == "add:joint/*.damping"
