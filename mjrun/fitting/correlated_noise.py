@@ -42,7 +42,7 @@ def portmanteau(parts: Sequence[Floats]) -> Floats:
 
 
 def slow_power(parts: Sequence[Floats]) -> Floats:
-    """Returns the power of the slowest cosines, `(...)`: about as many as they are for white samples.
+    """Returns the power of the slowest cosines, `(...)`: about their number for white samples.
 
     Args:
       parts: consecutive samples of each chunk, `(..., n)`.
