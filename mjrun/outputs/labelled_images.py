@@ -238,7 +238,7 @@ class LabelledImageRenderer:
         visible, groups = visible_geoms(model, self._options.geoms), model.geom_group.copy()
         stage = ((mujoco.mjtObj.mjOBJ_LIGHT, LIGHT), (mujoco.mjtObj.mjOBJ_GEOM, FLOOR))
         if any(mujoco.mj_name2id(model, kind, name) >= 0 for kind, name in stage):
-            place_stage(model, states[0])
+            place_stage(model, states)
         model.geom_group[:] = np.where(visible, VISIBLE_GROUPS[0], HIDDEN_GROUP)
         try:
             yield from self._rendered(model, visible, cameras, poses, states, times)

@@ -356,7 +356,7 @@ def place_scene(plan: ScenePlan, schedule: FrameSchedule, states: SceneStates) -
         schedule = replace(schedule, steps=steps, times=moments, speeds=speeds)
     times = array("d", (float(context.timeline.time(step)) for step in schedule.steps))
     if model is not context.model:
-        place_stage(model, frames[0])
+        place_stage(model, iter(frames))
     if plan.is_bare and (remark := ground_remark(model, frames[0])):
         context.reporter.note(remark)
 

@@ -7,7 +7,7 @@ import copy
 import itertools
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import mujoco
@@ -110,8 +110,12 @@ def stage_parts(
     return [part for part, is_lacking in lacks.items() if is_lacking]
 
 
-def place_stage(model: mujoco.MjModel, state: np.ndarray) -> None:
-    """Adapts a stage to the size of the model, and places its floor under the lowest point of the model in a state."""
+def place_stage(model: mujoco.MjModel, states: Iterable[np.ndarray]) -> None:
+    """Adapts a stage to the size of the model, and places its floor under the lowest point of the model.
+
+    Args:
+      states: the states that are drawn. Free bodies, which may fall without end, count only in the first.
+    """
     material = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_MATERIAL, FLOOR)
     floor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, FLOOR)
     light = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_LIGHT, LIGHT)
@@ -122,13 +126,24 @@ def place_stage(model: mujoco.MjModel, state: np.ndarray) -> None:
         model.light_poscom0[light] = -AWAY * model.stat.extent * model.light_dir0[light]
         model.vis.map.shadowclip = AWAY
     if floor >= 0:
-        data = mujoco.MjData(model)
+        model.body_pos[model.geom_bodyid[floor], 2] += _height_above(model, floor, states)
+
+
+def _height_above(model: mujoco.MjModel, floor: int, states: Iterable[np.ndarray]) -> float:
+    """Returns the height of the lowest point of the model above the floor, as `place_stage` counts states [m]."""
+    data = mujoco.MjData(model)
+    free = model.jnt_bodyid[model.jnt_type == mujoco.mjtJoint.mjJNT_FREE]
+    counted = ~np.isin(model.geom_type, GROUNDS)
+    lowest = math.inf
+    for state in states:
         restore(model, data, widened(model, state))
         mujoco.mj_kinematics(model, data)
-        others = np.flatnonzero(~np.isin(model.geom_type, GROUNDS))
-        above = [mujoco.mj_geomDistance(model, data, floor, geom, FAR, None) for geom in others]
-        above += [height - data.geom_xpos[floor, 2] for height in _flex_heights(model, data)]
-        model.body_pos[model.geom_bodyid[floor], 2] += min(above, default=0.0)
+        bounds = data.geom_xpos[:, 2] - data.geom_xpos[floor, 2] - model.geom_rbound
+        for geom in np.flatnonzero(counted & (bounds < lowest)):
+            lowest = min(lowest, mujoco.mj_geomDistance(model, data, floor, geom, FAR, None))
+        lowest = min([lowest, *(height - data.geom_xpos[floor, 2] for height in _flex_heights(model, data))])
+        counted &= ~np.isin(model.body_rootid[model.geom_bodyid], free)
+    return lowest if math.isfinite(lowest) else 0.0
 
 
 def _with_stage(source: ModelSource, model: mujoco.MjModel, parts: Sequence[str]) -> mujoco.MjModel:

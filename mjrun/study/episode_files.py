@@ -420,7 +420,7 @@ class EpisodeImageRenderer:
         staged = self._staged
         if staged.model is not model:
             staged.model.body_pos[:] = staged.positions  # so that no episode depends on the one before
-            place_stage(staged.model, start)
+            place_stage(staged.model, [start])
         return staged.model, staged.is_framed
 
 

@@ -111,8 +111,36 @@ def test_the_floor_touches_the_lowest_point_of_a_capsule(tmp_path: Path, angle: 
     rod = f'<geom type="capsule" size=".1 .4" pos="0 0 3" euler="0 {math.degrees(angle)} 0"/>'
     model, staged, _ = drawn(model_file(tmp_path, f"<mujoco><worldbody>{rod}</worldbody></mujoco>"))
     for _ in range(2):  # placing it again changes nothing
-        place_stage(staged, save(model, mujoco.MjData(model)))
+        place_stage(staged, [save(model, mujoco.MjData(model))])
         assert staged.body("stage floor").pos[2] == pytest.approx(3 - 0.1 - 0.4 * math.cos(angle))
+
+
+@pytest.mark.parametrize("is_free", [False, True])
+def test_the_floor_is_below_the_motion_but_not_below_a_fall(tmp_path: Path, is_free: bool) -> None:
+    ball = '<geom name="ball" size=".1" pos=".5 0 0" rgba="1 0 0 1"/>'
+    ball += '<geom type="capsule" size=".02" fromto="0 0 0 .5 0 0" rgba="0 1 0 1"/>'
+    joint = "<freejoint/>" if is_free else '<joint axis="0 1 0"/>'
+    path = model_file(tmp_path, f"<mujoco><worldbody><body>{joint}{ball}</body></worldbody></mujoco>")
+    model, staged, _ = drawn(path, stage=("floor",))
+    data, states, lowest = mujoco.MjData(model), [], []
+    for _ in range(400):
+        mujoco.mj_forward(model, data)
+        states.append(save(model, data))
+        lowest.append(data.geom("ball").xpos[2] - 0.1)
+        mujoco.mj_step(model, data)
+    place_stage(staged, states)
+    assert staged.body("stage floor").pos[2] == pytest.approx(lowest[0] if is_free else min(lowest), abs=1e-9)
+    assert min(lowest) < -0.599
+
+
+def test_every_frame_of_a_video_shows_what_swings_below_its_start(tmp_path: Path) -> None:
+    ball = '<geom size=".1" pos=".5 0 0" rgba="1 0 0 1"/>'
+    text = f'<mujoco><worldbody><body><joint axis="0 1 0"/>{ball}</body></worldbody></mujoco>'
+    simulation = mjrun.Simulation(model_file(tmp_path, text), duration=1)
+    mjrun.Video(simulation, str(tmp_path / "swing"), size=(64, 48), fps=8).run()
+    frames = [np.asarray(Image.open(file), float) for file in sorted((tmp_path / "swing").glob("*.png"))]
+    assert len(frames) == 8
+    assert all(np.any(frame[..., 0] > 2 * frame[..., 1] + 30) for frame in frames)
 
 
 @pytest.mark.parametrize(
@@ -145,7 +173,7 @@ def test_a_floor_is_below_flexes(tmp_path: Path) -> None:
     text = f"<mujoco><worldbody><body><freejoint/><geom size='.1'/></body>{cloth}</worldbody></mujoco>"
     model, staged, _ = drawn(model_file(tmp_path, text), stage=("floor",))
     start = save(model, mujoco.MjData(model))
-    place_stage(staged, start)
+    place_stage(staged, [start])
     assert staged.body("stage floor").pos[2] == pytest.approx(-2.01)
     assert " -2.01 adds a floor" in ground_remark(model, start)
 
