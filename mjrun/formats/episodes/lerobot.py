@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 import pyarrow
@@ -276,8 +276,8 @@ class _Dataset:
 
     def _parquet(self, path: str, table: pyarrow.Table) -> OutputWriter:
         writer = self._stack.enter_context(OutputWriter(StagedFile(self._folder / path)))
-        with writer.writing():
-            pyarrow.parquet.write_table(table, writer.open_file(), **OPTIONS)
+        with writer.writing(), writer.open_file() as file:
+            pyarrow.parquet.write_table(table, file, **OPTIONS)
         return writer
 
 
@@ -296,16 +296,12 @@ class _TableFiles:
         self.number, self._size = 0, 0
         self._writers = list[OutputWriter]()
         self._file: pyarrow.parquet.ParquetWriter | None = None
+        self._stream: BinaryIO
 
     def add(self, table: pyarrow.Table) -> int:
         """Adds a table, and returns the number of its file."""
         self.make_room(table.nbytes)
-        if self._file is None:
-            path = self._folder / self._pattern.format(**_indices(self.number))
-            writer = self._stack.enter_context(OutputWriter(StagedFile(path)))
-            self._writers.append(writer)
-            self._file = pyarrow.parquet.ParquetWriter(writer.open_file(), self._schema, **OPTIONS)
-        self._file.write_table(table)
+        self.write(table)
         return self.number
 
     def make_room(self, size: int) -> None:
@@ -314,6 +310,17 @@ class _TableFiles:
             self._close()
             self.number, self._size = self.number + 1, 0
         self._size += size
+
+    def write(self, table: pyarrow.Table) -> None:
+        """Writes a table to the current file, which has room for it."""
+        if self._file is None:
+            path = self._folder / self._pattern.format(**_indices(self.number))
+            writer = self._stack.enter_context(OutputWriter(StagedFile(path)))
+            self._writers.append(writer)
+            self._stream = writer.open_file()
+            self._file = pyarrow.parquet.ParquetWriter(self._stream, self._schema, **OPTIONS)
+        with self._writers[-1].writing():
+            self._file.write_table(table)
 
     def read(self, rows: Sequence[Mapping[str, Any]]) -> Iterator[tuple[int, pyarrow.Table]]:
         """Yields the tables of episodes that the folder has, and continues the last of their files."""
@@ -324,7 +331,9 @@ class _TableFiles:
                 number, group = _number(row, "data"), 0
                 file = pyarrow.parquet.ParquetFile(self._folder / self._pattern.format(**_indices(number)))
             assert file is not None
-            table = file.read_row_group(group).cast(self._schema)
+            content = file.read_row_group(group).cast(self._schema)
+            # As large as it was when it was written: a table that is read has bits of validity in addition.
+            table = _table(self._schema, {name: _values(content, name) for name in self._schema.names})
             group += 1
             if number == last:
                 self.number = last
@@ -338,7 +347,9 @@ class _TableFiles:
 
     def _close(self) -> None:
         if self._file:
-            self._file.close()
+            with self._writers[-1].writing():
+                self._file.close()
+                self._stream.close()  # what it still holds is to be on the disk before the file is published
         self._file = None
 
 
@@ -371,7 +382,7 @@ class _EpisodeRows:
         self._files.make_room(rows.nbytes)
         for name, value in _indices(self._files.number).items():
             rows = rows.append_column(f"meta/episodes/{name}", pyarrow.array([value] * len(self._rows)))
-        self._files.add(rows)
+        self._files.write(rows)
         self._rows = []
 
 
@@ -424,8 +435,8 @@ class _VideoFiles:
     def _write(self) -> None:
         if self._parts:
             writer = self._stack.enter_context(OutputWriter(StagedFile(self._path(self._number))))
-            with writer.writing():
-                join(writer.open_file(), self._parts, self._fps)
+            with writer.writing(), writer.open_file() as file:
+                join(file, self._parts, self._fps)
             self._writers.append(writer)
         self._parts = []
 

@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from contextlib import ExitStack
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -15,6 +16,7 @@ import pytest
 from mjrun.errors import FileError, UsageError
 from mjrun.formats.codecs import encoding
 from mjrun.formats.episodes import CameraVideoLayout, lerobot
+from mjrun.formats.output_writer import publish_together
 from tests.formats.episodes.made_episodes import FPS, LAYOUT, NUMBERS, SIZE, episode, episodes, images, written
 
 LENGTHS = [10, 13, 16, 19]
@@ -140,3 +142,42 @@ def test_unsupported_layouts_are_refused() -> None:
         camera = CameraVideoLayout("front", size, encoding("a.mp4", codec=codec))
         with pytest.raises(UsageError, match=message):
             lerobot.check(replace(LAYOUT, cameras=[camera]))
+
+
+def test_files_are_whole_when_they_are_published(tmp_path: Path) -> None:
+    with ExitStack() as stack:
+        publish_together(lerobot.write(stack, tmp_path / "dataset", LAYOUT, episodes(range(2), tmp_path)))
+        published = files(tmp_path / "dataset")
+    assert files(tmp_path / "dataset") == published
+
+
+@pytest.mark.parametrize("size", [20, 50])  # of a table of one episode, or of a few
+def test_episodes_name_the_file_that_holds_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, size: int) -> None:
+    monkeypatch.setattr(lerobot, "ROWS", 1)
+    monkeypatch.setattr(lerobot, "MEGABYTE", size)
+    written("lerobot", tmp_path, NUMBERS, episodes(range(6)))
+    paths = sorted((tmp_path / "meta/episodes").rglob("*.parquet"))
+    assert len(paths) > 1
+    for number, path in enumerate(paths):
+        assert path.name == f"file-{number:03d}.parquet"
+        assert {*pandas.read_parquet(path)["meta/episodes/file_index"]} == {number}
+
+
+def test_a_full_file_of_a_continued_dataset_keeps_its_episodes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    at_once, continued = tmp_path / "at once", tmp_path / "continued"
+    sizes = list[int]()
+    make_room = lerobot._TableFiles.make_room
+
+    def measured(self: lerobot._TableFiles, size: int) -> None:
+        sizes.append(size)
+        make_room(self, size)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(lerobot._TableFiles, "make_room", measured)
+        written("lerobot", tmp_path / "measured", NUMBERS, episodes(range(2)))
+    monkeypatch.setattr(lerobot, "DATA_SIZE", sum(sizes[:2]))  # which two episodes fill to the last byte
+    monkeypatch.setattr(lerobot, "MEGABYTE", 1)
+    written("lerobot", at_once, NUMBERS, episodes(range(3)))
+    for start, end in ((0, 2), (2, 3)):
+        written("lerobot", continued, NUMBERS, episodes(range(start, end)), start)
+    assert files(continued) == files(at_once)
