@@ -24,6 +24,7 @@ from mjrun.options.model import ModelOptions, ServoOptions
 from mjrun.options.number_kinds import UNITS as NUMBER_UNITS
 from mjrun.options.setting_kinds import UNITS as SETTING_UNITS
 from mjrun.options.setting_kinds import LengthWithUnit
+from mjrun.timeline import rational
 
 
 class _Sizes:
@@ -452,6 +453,8 @@ def _new_value(field: str, current: Any, override: Override) -> Any:
         is_several = override.operation == "add" and own.size > 1
         expected = f"{most}{own.size} numbers separated by commas" if is_several else "one number"
         raise BadValueError(override.name, override.value, expected)
+    if not np.isfinite(changed[np.isfinite(own)]).all():
+        raise BadValueError(override.name, override.value, "a value that gives finite numbers")
     values.reshape(-1)[chosen] = changed
     return _like(current, values, override)
 
@@ -465,7 +468,8 @@ def relative_values(values: np.ndarray, numbers: np.ndarray, override: Override)
     if is_sum and override.index is None and override.target.rpartition(".")[2] in PARTIAL and 0 < len(numbers) < size:
         numbers = np.concatenate([numbers, np.zeros(size - len(numbers))])
     fits = len(numbers) == size or (len(numbers) == 1 and not is_sum)
-    return RELATIVE[override.operation](values, numbers) if fits else None
+    with np.errstate(over="ignore"):
+        return RELATIVE[override.operation](values, numbers) if fits else None
 
 
 def _chosen(field: str, size: int, override: Override) -> slice:
@@ -481,12 +485,19 @@ def _chosen(field: str, size: int, override: Override) -> slice:
 def _like(current: Any, values: np.ndarray, override: Override) -> Any:
     """Converts `values` to the type of `current`."""
     if isinstance(current, np.ndarray):
-        return values.reshape(current.shape)
+        if current.dtype.kind == "i" and not _are_whole(values, np.iinfo(current.dtype).max):
+            raise BadValueError(override.name, override.value, "values that give whole numbers")
+        return values.reshape(current.shape).astype(current.dtype)
     if _is_vector(current):
         return values.tolist()
-    if isinstance(current, int) and values != np.round(values):
+    if isinstance(current, int) and not _are_whole(values, math.inf):
         raise BadValueError(override.name, override.value, "a value that gives a whole number")
     return type(current)(values)
+
+
+def _are_whole(values: np.ndarray, limit: float) -> bool:
+    """Returns whether all values are whole numbers up to a limit."""
+    return bool((np.isfinite(values) & (values == np.round(values)) & (np.abs(values) <= limit)).all())
 
 
 def _parse_value(field: str, current: Any, override: Override) -> Any:
@@ -530,11 +541,14 @@ def _parse_number(text: str, override: Override, expected: str, kind: Callable[[
     number, factor = _without_unit(text, override) if kind is float else (text, 1.0)
     try:
         value = kind(number)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
+        if factor != 1:
+            value = float(rational(value) * rational(factor))  # rounded once: 9ms is 0.009
+        is_finite = math.isfinite(value)
+    except (ValueError, OverflowError):  # the latter of a number that is no float
+        is_finite, value = False, math.nan
+    if not is_finite:
         raise BadValueError(override.name, override.value, expected)
-    return value if factor == 1 else value * factor
+    return value
 
 
 def _without_unit(text: str, override: Override) -> tuple[str, float]:
@@ -567,6 +581,6 @@ def _parse_array(field: str, current: np.ndarray, override: Override) -> np.ndar
     if not fits:
         most = "at most " if field in PARTIAL else ""
         raise BadValueError(override.name, override.value, f"{most}{size} numbers separated by commas")
-    result = current.copy().ravel()
+    result = current.astype(float).ravel()
     result[: len(values)] = values
-    return result.reshape(current.shape)
+    return _like(current, result, override)

@@ -252,3 +252,37 @@ def test_a_name_that_contains_an_equals_sign_is_written_with_a_wildcard() -> Non
     with pytest.raises(UsageError, match="geom/a lacks a field") as caught:
         apply(spec, Override("geom/a", "b.mass=3"))
     assert caught.value.__notes__ == ["where a name contains =, write ?"]
+
+
+CAMERA = '<mujoco><worldbody><camera name="eye" resolution="640 480"/></worldbody></mujoco>'
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        ("camera/eye.resolution", "640.7,480"),
+        ("camera/eye.resolution[0]", "640.7"),
+        ("scale:camera/eye.resolution", "0.33"),
+        ("camera/eye.resolution", "3e9,480"),
+        ("opt.iterations", "9" * 400),
+        ("scale:opt.iterations", "0.333"),
+    ],
+)
+def test_whole_numbers_are_not_cut_from_others(path: str, value: str) -> None:
+    spec = mujoco.MjSpec.from_string(CAMERA)
+    with pytest.raises(BadValueError, match="whole number"):
+        apply(spec, Override(path, value))
+    assert spec.cameras[0].resolution.tolist() == [640, 480]
+
+
+@pytest.mark.parametrize("path", ["scale:opt.iterations", "scale:opt.gravity"])
+def test_a_value_beyond_the_floats_is_refused(path: str) -> None:
+    with pytest.raises(BadValueError, match="finite"):
+        apply(mujoco.MjSpec(), Override(path, "1e308"))
+
+
+@pytest.mark.parametrize("number", range(1, 100))
+def test_a_value_with_a_unit_is_the_float_of_its_decimals(number: int) -> None:
+    spec = mujoco.MjSpec.from_string(CAMERA)
+    apply(spec, Override("opt.timestep", f"{number}ms"))
+    assert spec.option.timestep == number / 1000
