@@ -34,11 +34,13 @@ from mjrun.physics.random_distribution import Distribution, parse_distribution
 from mjrun.probe.expression import TextMatch, walk
 from mjrun.probe.row_expression import parse_condition
 from mjrun.probe.scanner import Vocabulary
+from mjrun.timeline import rational
 
 Values = tuple[str, ...]
 ABSENT = ""  # in place of the value of a parameter that does not exist at a point; NaN among numbers
 BLOCK = 4096  # points that are made at once
 LARGEST_INTEGER = 2.0**53  # up to which floats are exact
+LARGEST_FLOAT = float(np.finfo(float).max)
 EACH = "each:"
 SHORT_PATHS = {"integrator": "opt.integrator", "timestep": "opt.timestep"}  # options that are paths of the model, too
 
@@ -279,7 +281,7 @@ def numbers(texts: Sequence[str]) -> np.ndarray | None:
         values = np.fromiter((float(text) if text else math.nan for text in texts), float, len(texts))
         large = np.flatnonzero(np.abs(values) >= LARGEST_INTEGER)
         is_exact = all(int(texts[place]) == int(values[place]) for place in large.tolist() if texts[place].isdecimal())
-    except ValueError:
+    except (ValueError, OverflowError):  # the latter of a whole number that is no float
         return None
     return values if is_exact else None
 
@@ -453,8 +455,7 @@ def design(options: VariationOptions, model: mujoco.MjModel, seed: int) -> Desig
         parts.append(_sampled(distributions, options.samples, options.sampler, seed, correlations))
     if options.repeats > 1:
         _require_possible([options.repeats])
-        seeds = NumberTexts(np.arange(seed, seed + options.repeats, dtype=float), has_integers=True)
-        parts.append(_beside(("seed",), [seeds]))
+        parts.append(_beside(("seed",), [_seeds(seed, options.repeats)]))
     whole = with_conditional(_product([part for part in parts if part.names]), options.when)
     return chosen(whole, options.where)
 
@@ -538,6 +539,13 @@ def _drawn(distribution: Distribution, fractions: np.ndarray) -> Sequence[str]:
     for start in range(0, len(values), DRAWN):  # quantile functions need several times the memory of their values
         values[start : start + DRAWN] = distribution.quantiles(fractions[start : start + DRAWN])
     return NumberTexts(values, has_integers=distribution.name == "integers")
+
+
+def _seeds(first: int, count: int) -> Sequence[str]:
+    """Returns consecutive seeds, as texts where a float would round one."""
+    if first + count > LARGEST_INTEGER:
+        return [str(seed) for seed in range(first, first + count)]
+    return NumberTexts(np.arange(first, first + count, dtype=float), has_integers=True)
 
 
 def _product(parts: Sequence[Design]) -> Design:
@@ -624,9 +632,11 @@ def value_list(path: str, text: str, name: str) -> Sequence[str]:
 def _spaced(span: re.Match[str], place: str) -> Sequence[str]:
     """Returns the values of `FIRST..LAST:COUNT`, including both ends; evenly spaced ones are exact in decimals."""
     try:
-        first, last, count = Fraction(span["first"]), Fraction(span["last"]), int(span["count"])
+        first, last, count = rational(span["first"]), rational(span["last"]), int(span["count"])
     except ValueError:
         raise UsageError(f"{place}: write FIRST..LAST:COUNT, with numbers") from None
+    if max(abs(first), abs(last)) > LARGEST_FLOAT:
+        raise UsageError(f"{place}: the ends of a span are {LARGEST_FLOAT:.3g} at most")
     if not 2 <= count <= MOST_IN_SPAN or first == last:
         reason = f"write FIRST..LAST:COUNT, with two different ends and from 2 to {MOST_IN_SPAN} values"
         raise UsageError(f"{place}: {reason}")

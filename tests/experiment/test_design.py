@@ -310,3 +310,19 @@ def test_whole_numbers_that_floats_round_stay_texts() -> None:
     column = DesignColumn([str(large), str(large + 1)], np.array([0, 1]))
     assert column.numbers is None
     assert [*column.distinct] == [str(large), str(large + 1)]
+
+
+@pytest.mark.parametrize("text", ["1/0..2:3", "0.5..1e400:3", "1e5000..2e5000:2", "log:1..1e400:3"])
+def test_spans_beyond_the_floats_are_refused(text: str) -> None:
+    with pytest.raises(UsageError, match=r"with numbers|at most"):
+        value_list("x", text, "vary")
+
+
+def test_whole_numbers_beyond_the_floats_remain_texts() -> None:
+    assert numbers(["9" * 400, "1"]) is None
+
+
+def test_repeats_have_consecutive_seeds_where_floats_have_gaps() -> None:
+    first = 2**53 - 1
+    repeated = design(VariationOptions(repeats=4), mujoco.MjModel.from_xml_string(BALL), first)
+    assert [*repeated.points] == [(str(first + index),) for index in range(4)]
