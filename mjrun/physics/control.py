@@ -246,7 +246,7 @@ class ControlNoise:
             if wanted != self._block:
                 self._block, self._values = wanted, self._draw(wanted)
                 if wanted + 1 == len(self._last):
-                    self._last.append(self._values[-1])
+                    self._last.append(self._values[-1].copy())  # a view would keep the whole block
         return self._values
 
     def _draw(self, block: int) -> np.ndarray:

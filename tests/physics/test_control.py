@@ -2,6 +2,7 @@
 
 import math
 import sys
+import tracemalloc
 from collections.abc import Callable
 from fractions import Fraction
 from functools import cache
@@ -285,3 +286,15 @@ def test_a_controller_that_fails_says_how(controller: Callable, said: str) -> No
 def test_a_controller_cannot_be_called_between_steps() -> None:
     with pytest.raises(UsageError, match=r"control_dt 0.001 is shorter than the timestep, 0.002 s"):
         periodic(lambda model, data: None, "0.001")
+
+
+def test_the_memory_of_noise_does_not_grow_with_the_actuators_of_each_step() -> None:
+    blocks, actuators = 64, 16
+    noise = ControlNoise(1.0, 0.1, 0, 0.001, actuators)
+    tracemalloc.start()
+    noise.rows(0, 1)
+    before = tracemalloc.get_traced_memory()[0]
+    noise.rows(blocks * NOISE_BLOCK, 1)
+    grown = tracemalloc.get_traced_memory()[0] - before
+    tracemalloc.stop()
+    assert grown < blocks * NOISE_BLOCK * actuators * 8 / 10  # a tenth of all numbers that were drawn
