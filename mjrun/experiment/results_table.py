@@ -396,7 +396,10 @@ def _keys(names: Sequence[str]) -> list[str]:
     keys = list[str]()
     for name in names:
         key = re.sub(r"[^\w.-]+", "_", name, flags=re.ASCII).strip("_.")[:LONGEST_NAME] or "_"
-        keys.append(key if key not in keys else f"{key[: LONGEST_NAME - 5]}_{len(keys)}")
+        number, start = len(keys), key[: LONGEST_NAME - 6]
+        while key in keys:
+            key, number = f"{start}_{number}", number + 1
+        keys.append(key)
     return keys
 
 

@@ -476,8 +476,10 @@ class _JointAggregate:
         self._values = np.where((new_holds > 0) & (is_first | is_new), new, old)
 
     def value(self, index: int) -> float:
-        """Returns the value of the table `index`."""
+        """Returns the value of the table `index`; NaN without rows."""
         holds = int(self._holds[index])
+        if not self._rows[index]:
+            return math.nan
         if self._name in OF_CONDITIONS:
             return holds / int(self._rows[index]) if self._name == "share" else float(holds)
         return float(self._values[index]) if holds else math.nan

@@ -43,7 +43,7 @@ PLACEHOLDER = "{}"
 NUMBERED = ("{}/{}", "{}_{}", "{}.{}", "{}[{}]", "{}{}")  # names of the parts of a column
 _LAST = re.compile(r"(.+?)(?:[/_.\[]?)[01]\]?")  # the first of numbered columns
 TIMES = ("time", "t", "timestamp", "time_s", "sec", "seconds", "stamp", "elapsed")
-LARGEST = 2**20  # characters in a file of lines
+LARGEST = 2**20  # bytes of a file of lines
 
 PLACES = {"wxyz": (0, 1, 2, 3), "xyzw": (3, 0, 1, 2)}  # indices of w, x, y and z
 CONTROL = r"ctrl(/|[_.\[]?[0-9])"  # names of controls begin like this
@@ -345,10 +345,10 @@ def map_entries(text: str) -> Iterator[tuple[str, str]]:
         return
     path = Path(text.removeprefix(FILE))
     with opened(path, "file of columns", [".txt", ".map"]) as file:
-        content = file.read(LARGEST + 1).decode("utf-8-sig", "replace")
-    if len(content) > LARGEST or "\0" in content:
+        content = file.read(LARGEST + 1)
+    if len(content) > LARGEST or b"\0" in content:
         raise UsageError(f"{clean(str(path))} is not a file of lines COLUMN=EXPRESSION")
-    for number, line in enumerate(content.splitlines(), 1):
+    for number, line in enumerate(content.decode("utf-8-sig", "replace").splitlines(), 1):
         if line.strip() and not line.lstrip().startswith("#"):
             yield _assignment(line, f"{clean(str(path))}:{number}")  # without its text: a document may name any file
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from mjrun.errors import FileError, UsageError
-from mjrun.experiment.results_table import MOST_RUNS, POINT, ResultsTable, check_runs, write_runs
+from mjrun.experiment.results_table import MOST_RUNS, POINT, ResultsTable, _keys, check_runs, write_runs
 from mjrun.model.table_column import Column
 
 PARAMETERS = ("geom/wood.friction[0]", "geom/wood.friction(0)", "../../seed", "model")
@@ -61,3 +61,9 @@ def test_other_files_and_too_many_points_are_refused(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(FileError, match="is not a folder"):
         check_runs(str(tmp_path / "file"), 1)
+
+
+def test_columns_whose_names_become_alike_keep_separate_keys() -> None:
+    names = ["a_2", "a:", "a", "a;", "a_4"]
+    keys = _keys(names)
+    assert len(set(keys)) == len(names)

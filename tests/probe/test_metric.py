@@ -85,3 +85,13 @@ def test_what_is_not_one_number_is_refused(text: str, message: str) -> None:
 def test_an_unknown_column_is_named() -> None:
     with pytest.raises(UnknownNameError, match="metric"):
         parse_metric("max(metrc)", ["metric"], "metric")
+
+
+@pytest.mark.parametrize("text", ["share(x > 0)", "count(x > 0)", "max(x)", "mean(x)"])
+def test_a_table_without_rows_beside_others_has_no_number(text: str) -> None:
+    columns = ["time", "x"]
+    batch = BatchMetricEvaluator([parse_metric(text, columns, "metric")], columns, 2)
+    batch.feed(np.ones((2, 3, 2)), np.array([0, 3]))
+    (absent,), (present,) = batch.values()
+    assert np.isnan(absent)
+    assert present == (3 if "count" in text else 1)

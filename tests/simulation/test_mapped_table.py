@@ -19,7 +19,7 @@ from mjrun.formats.recording import is_recording
 from mjrun.model import state
 from mjrun.outputs.recording import Recording
 from mjrun.physics.kinematic_samples import KinematicMotion
-from mjrun.simulation.mapped_table import read_controls, read_motion
+from mjrun.simulation.mapped_table import LARGEST, map_entries, read_controls, read_motion
 from mjrun.simulation.simulation import Simulation
 from tests.physics.tumbler import column_names, model, tumble
 
@@ -312,3 +312,11 @@ def test_controls_that_do_not_fit_are_refused(
 ) -> None:
     with pytest.raises(kind, match=message):
         controls(tmp_path / "t.csv", columns)
+
+
+def test_a_file_of_lines_that_is_too_long_in_bytes_is_refused_not_cut(tmp_path: Path) -> None:
+    path = tmp_path / "columns.txt"
+    comment = f"# {'é' * 500}\n"
+    path.write_text(comment * (LARGEST // len(comment.encode()) + 1) + "qpos/knee=knee\n", "utf-8")
+    with pytest.raises(UsageError, match="is not a file of lines"):
+        list(map_entries(f"@{path}"))
