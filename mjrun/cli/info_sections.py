@@ -48,6 +48,7 @@ ALWAYS = ("nq", "nv", "na", "nu", "nbody", "njnt", "ngeom")  # sizes that are sh
 STATE = ("nq", "nv", "na", "nu", "nsensordata", "nuserdata", "nmocap", "npluginstate", "nhistory", "nplastic")
 HIDDEN = ("nM", "nB", "nC", "nD")  # sizes that only the JSON document has
 NEGLIGIBLE = 1e-9  # relative to the extent of a model
+DEFAULT_RGBA = (0.5, 0.5, 0.5, 1)  # of a geom, with which it has the colour of its material
 PLAIN = ("joint", "tendon", "site", "body", "so3")  # transmissions that follow from the target
 # A column, by the name of its attribute, or as a function of all rows.
 ColumnSource = str | Callable[[Sequence[Any]], ReportColumn]
@@ -310,6 +311,7 @@ SECTIONS: "Mapping[str, _TableSection | LineSection]" = {
         *("name", "type", "body", "size", "asset", "condim", "friction"),
         _contact_bits,
         *("margin", "gap", "group", "material"),
+        _cells("rgba", lambda geom: "" if geom.rgba == DEFAULT_RGBA else vector(geom.rgba), extra=True),
         is_detail=True,
     ),
     "sites": _objects("name", "type", "body", "size", "position", "group", is_detail=True),

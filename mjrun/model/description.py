@@ -345,6 +345,8 @@ class Geom(ModelObject):
       margin, gap: [m].
       group: the group by which it is shown or hidden.
       material: the name of its material, or None.
+      rgba: its red, green, blue and opacity, from 0 to 1; a geom with MuJoCo's default, 0.5 0.5 0.5 1, has the colour
+        of its material.
     """
 
     KIND = "geom"
@@ -362,6 +364,7 @@ class Geom(ModelObject):
     gap: float = of_field("geom_gap", is_detail=True)
     group: int = of_field("geom_group", is_detail=True)
     material: str | None = of_field("geom_matid", is_detail=True)
+    rgba: tuple[float, ...] = of_field("geom_rgba", is_detail=True)
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import mujoco
+import numpy as np
 import pytest
 
 from mjrun.model.info import ModelDescription
@@ -61,6 +62,13 @@ def test_a_geom_has_as_many_sizes_as_its_type(mixed: ModelDescription) -> None:
     assert sizes == [("plane", 3), ("sphere", 1), ("capsule", 2), ("sphere", 1), ("box", 3)]
     assert mixed.bodies[2].geom_types == ("capsule",)
     assert mixed.bodies[-1].mocap
+
+
+def test_colours_of_geoms_are_those_of_the_model(described: Callable[[str], ModelDescription]) -> None:
+    geoms = '<geom size=".1" rgba=".2 .4 .9 .5"/><geom size=".1"/><geom size=".1" material="m"/>'
+    text = f'<mujoco><asset><material name="m" rgba="1 0 0 1"/></asset><worldbody>{geoms}</worldbody></mujoco>'
+    colours = mujoco.MjModel.from_xml_string(text).geom_rgba
+    np.testing.assert_array_equal(np.float32([geom.rgba for geom in described(text).geoms]), colours)
 
 
 def test_a_camera_has_an_angle_a_height_or_a_sensor(described: Callable[[str], ModelDescription]) -> None:
