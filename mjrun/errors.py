@@ -129,7 +129,7 @@ def described_type(value: object) -> str:
 
 def suggestion(name: str, valid: Iterable[str], *meant: str) -> str:
     """Returns ` (did you mean 'x'?)`, or an empty text if no valid name is similar; for `qpso/*`, groups are valid
-    too.
+    too. One of the names suggested for a column is of its group, if any of them is similar.
 
     Args:
       meant: names that are suggested instead, if any, however they are spelled.
@@ -137,7 +137,13 @@ def suggestion(name: str, valid: Iterable[str], *meant: str) -> str:
     valid = list(valid)
     if name.endswith("/*"):
         valid = list(dict.fromkeys(f"{each.rpartition('/')[0]}/*" for each in valid if "/" in each))
-    close = [*filter(None, meant)] or near(name, [each for each in valid if each != name])
+    close = [*filter(None, meant)]
+    if not close:
+        others = [each for each in valid if each != name]
+        group, slash, _ = name.partition("/")
+        fellows = near(name, [each for each in others if slash and each.startswith(f"{group}/")])
+        first, *rest = near(name, others) or [""]
+        close = [*filter(None, dict.fromkeys([first, *fellows[:1], *rest]))][:3]
     return f" (did you mean {' or '.join(map(quoted, close))}?)" if close else ""
 
 

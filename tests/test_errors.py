@@ -173,6 +173,9 @@ def test_a_suggestion_is_a_question_in_brackets_or_nothing() -> None:
     assert suggestion("qpso/*", ["time", "qpos/knee", "qpos/hip", "energy/total"]) == " (did you mean 'qpos/*'?)"
     assert suggestion("knee", ["knee_12", "knee1"]) == " (did you mean 'knee1' or 'knee_12'?)"
     assert suggestion("xyz", ["floor"]) == ""
+    columns = ["cvel/top/wx", "cvel/top/wy", "cvel/top/wz", "qvel/joint:0/vx", "qvel/joint:0/wx"]
+    alike = " (did you mean 'cvel/top/wx' or 'qvel/joint:0/wx' or 'cvel/top/wz'?)"  # also one of the same group
+    assert suggestion("qvel/top/wx", columns) == alike
 
 
 def test_a_name_of_any_length_makes_a_message_of_few_lines_that_says_what_and_where() -> None:
