@@ -24,7 +24,7 @@ from mjrun.errors import FileError, UsageError, clean, option
 from mjrun.formats.episodes import CameraVideoLayout, EpisodeLayout, EpisodeRows
 from mjrun.formats.local_and_remote_folders import written_file
 from mjrun.formats.mp4_joining import Mp4Samples, join, read_samples
-from mjrun.formats.output_writer import OutputWriter, StagedFile
+from mjrun.formats.output_writer import OutputWriter, StagedFile, closing_quietly
 
 VERSION = "v3.0"
 DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
@@ -319,8 +319,9 @@ class _TableFiles:
             self._writers.append(writer)
             self._stream = writer.open_file()
             self._file = pyarrow.parquet.ParquetWriter(self._stream, self._schema, **OPTIONS)
+            writer.resources.enter_context(closing_quietly(self._file))  # before its stream, where an episode fails
         with self._writers[-1].writing():
-            self._file.write_table(table)
+            self._file.write_table(table, max(1, table.num_rows))  # one group, of any number of rows
 
     def read(self, rows: Sequence[Mapping[str, Any]]) -> Iterator[tuple[int, pyarrow.Table]]:
         """Yields the tables of episodes that the folder has, and continues the last of their files."""

@@ -1,8 +1,10 @@
 """LeRobot datasets, read by pandas, PyAV and lerobot-doctor."""
 
+import gc
 import json
 import subprocess
 import sys
+from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import replace
 from fractions import Fraction
@@ -11,11 +13,12 @@ from typing import Any
 
 import numpy as np
 import pandas
+import pyarrow
 import pytest
 
 from mjrun.errors import FileError, UsageError
 from mjrun.formats.codecs import encoding
-from mjrun.formats.episodes import CameraVideoLayout, lerobot
+from mjrun.formats.episodes import CameraVideoLayout, EpisodeRows, lerobot
 from mjrun.formats.output_writer import publish_together
 from tests.formats.episodes.made_episodes import FPS, LAYOUT, NUMBERS, SIZE, episode, episodes, images, written
 
@@ -181,3 +184,31 @@ def test_a_full_file_of_a_continued_dataset_keeps_its_episodes(tmp_path: Path, m
     for start, end in ((0, 2), (2, 3)):
         written("lerobot", continued, NUMBERS, episodes(range(start, end)), start)
     assert files(continued) == files(at_once)
+
+
+def test_a_long_episode_is_one_group_of_rows(tmp_path: Path) -> None:
+    schema = pyarrow.schema({"index": pyarrow.int64()})
+    lengths = [2**20 + 1, 3]
+    tables = [pyarrow.table({"index": np.arange(count)}, schema=schema) for count in lengths]
+    with ExitStack() as stack:
+        made = lerobot._TableFiles(stack, tmp_path, lerobot.DATA, schema)
+        places = [made.add(table) for table in tables]
+        publish_together(made.finish())
+    rows = [
+        {"episode_index": index, "data/chunk_index": 0, "data/file_index": place} for index, place in enumerate(places)
+    ]
+    with ExitStack() as stack:
+        read = lerobot._TableFiles(stack, tmp_path, lerobot.DATA, schema)
+        assert [table.num_rows for _, table in read.read(rows)] == lengths
+
+
+@pytest.mark.filterwarnings("error")  # of exceptions that Python ignores
+def test_an_episode_that_fails_leaves_nothing_behind(tmp_path: Path) -> None:
+    def failing() -> Iterator[EpisodeRows]:
+        yield episode(0)
+        raise FileError("episode", "is damaged")
+
+    with pytest.raises(FileError, match="is damaged"):
+        written("lerobot", tmp_path / "dataset", NUMBERS, failing())
+    gc.collect()
+    assert not any(tmp_path.iterdir())
