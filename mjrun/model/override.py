@@ -353,7 +353,7 @@ def _check_effect(element: Any, kind: str, fields: list[str], override: Override
 def _set_flag(option: Any, fields: list[str], override: Override) -> None:
     disable, enable = enum_members(mujoco.mjtDisableBit), enum_members(mujoco.mjtEnableBit)
     name = ".".join(fields)
-    if override.operation:
+    if override.operation or override.index is not None:
         raise UsageError(f"{clean(override.path)}: a flag is not a number")
     if name not in disable and name not in enable:
         raise UnknownNameError("flag", name, [*disable, *enable], where="opt.flag")

@@ -9,6 +9,7 @@ from typing import cast
 from mjrun.options.kinds import Kind, ReadingContext
 from mjrun.options.number_kinds import NUMBERS, Numbers, to_float
 from mjrun.options.schema_validation import NUMBER, TEXT, InvalidValueError, Schema, SchemaViolationCollector, check
+from mjrun.timeline import rational
 
 SETTING: Schema = {
     "anyOf": [NUMBER, TEXT, {"type": "boolean"}, {"type": "array", "items": NUMBER, "minItems": 1}],
@@ -119,8 +120,10 @@ class JointNumbersKind(NamedNumbersKind):
             return number
         if match and bool(match[3]) == self._rate:
             kind, factor = UNITS[match[2]]
-            if math.isfinite(number := to_float(match[1]) * factor):
-                return kind(number)
+            number = to_float(match[1])
+            if math.isfinite(number):
+                is_exact = kind is LengthWithUnit  # and rounded once: 9mm is 0.009
+                return kind(rational(number) * rational(factor) if is_exact else number * factor)
         raise InvalidValueError(f"a list of finite numbers, which may have units: {', '.join(self._units)}")
 
     def plain(self, value: Mapping[str, Numbers]) -> dict[str, float | Sequence[float]]:

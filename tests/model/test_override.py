@@ -286,3 +286,8 @@ def test_a_value_with_a_unit_is_the_float_of_its_decimals(number: int) -> None:
     spec = mujoco.MjSpec.from_string(CAMERA)
     apply(spec, Override("opt.timestep", f"{number}ms"))
     assert spec.option.timestep == number / 1000
+
+
+def test_a_flag_has_no_numbers_to_choose_from() -> None:
+    with pytest.raises(UsageError, match="a flag is not a number"):
+        apply(mujoco.MjSpec(), Override("opt.flag.gravity[0]", "disable"))

@@ -297,6 +297,11 @@ def test_paths_are_converted_one_by_one(text: str, expected: str) -> None:
     assert with_paths(text, lambda path: f"d/{path}") == expected
 
 
+def test_lengths_with_units_are_the_floats_of_their_decimals() -> None:
+    lengths = [f"{number}mm" for number in range(100)]
+    assert JointNumbersKind(rate=False).parse(f"root={','.join(lengths)}")[1] == tuple(k / 1000 for k in range(100))
+
+
 @pytest.mark.parametrize(
     ("text", "rate", "value"),
     [
