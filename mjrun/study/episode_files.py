@@ -372,7 +372,7 @@ class EpisodeImageRenderer:
         """
         options = self._options
         check_drawing(options, model, self._backend)
-        drawn, is_framed = self._model_to_draw(source, model, states[0])
+        drawn, is_framed = self._model_to_draw(source, model, states)
         motions = camera_motions(options.camera, options.size, model, is_framed=is_framed)
         poses = list[Iterator[CameraPose]]()
         for motion in motions:
@@ -411,7 +411,7 @@ class EpisodeImageRenderer:
             yield frame
 
     def _model_to_draw(
-        self, source: ModelSource, model: mujoco.MjModel, start: np.ndarray
+        self, source: ModelSource, model: mujoco.MjModel, states: StateBuffer
     ) -> tuple[mujoco.MjModel, bool]:
         """Returns the model on its stage, and whether a camera frames it closely; episodes with one model share it."""
         if self._staged is None or self._model is not model:
@@ -420,7 +420,7 @@ class EpisodeImageRenderer:
         staged = self._staged
         if staged.model is not model:
             staged.model.body_pos[:] = staged.positions  # so that no episode depends on the one before
-            place_stage(staged.model, [start])
+            place_stage(staged.model, iter(states))
         return staged.model, staged.is_framed
 
 

@@ -70,6 +70,13 @@ def test_images_are_those_of_a_single_render(models: list[Path]) -> None:
         np.testing.assert_array_equal(image, expected)
 
 
+def test_the_floor_is_below_the_whole_episode(models: list[Path]) -> None:
+    options = replace(OPTIONS, camera=("free:distance=2",))
+    with closing(EpisodeImageRenderer(options, 1)) as renderer:
+        rising, falling = (images(renderer, models[0], heights) for heights in (HEIGHTS, HEIGHTS[::-1]))
+    np.testing.assert_array_equal(rising, falling[::-1])
+
+
 @pytest.mark.slow
 def test_several_processes_render_the_same_images(models: list[Path]) -> None:
     rendered = []
