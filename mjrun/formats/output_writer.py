@@ -232,7 +232,7 @@ class StagedFramePattern(_Staged):
             raise unwritable(self.shown, error, hint if self.is_between() else "") from None
 
         places = [self._place(frame_number(frame)) for frame in self._frames]
-        numbered = re.compile(f"{re.escape(self._before)}(\\d+){re.escape(self._after)}")
+        numbered = re.compile(f"{re.escape(self._before)}( *\\d+){re.escape(self._after)}")  # `%4d` pads with spaces
         matches = [match for name in names if (match := numbered.fullmatch(name))]
         later = sorted(int(match[1]) for match in matches if match[0] == self._place(int(match[1])).name)
         self.others = [self._place(number).name for number in later if number >= len(places)]

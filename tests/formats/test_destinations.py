@@ -239,6 +239,7 @@ def test_a_folder_with_anything_else_in_it_is_left_alone(tmp_path: Path) -> None
         ("f_%04d.png", ["f_0000.png", "f_0001.png"]),
         ("%d.png", ["0.png", "1.png"]),
         ("a%02db.png", ["a00b.png", "a01b.png"]),
+        ("s%4d.png", ["s   0.png", "s   1.png"]),
     ],
 )
 def test_a_pattern_names_the_frames_and_leaves_all_other_files_alone(
