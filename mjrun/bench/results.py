@@ -20,6 +20,7 @@ its median and by its fastest sample.
 
 import hashlib
 import json
+import math
 import os
 import platform
 from collections.abc import Iterator, Mapping, Sequence
@@ -103,7 +104,7 @@ def timings_of_row(row: Document) -> Iterator[tuple[TimingId, TimingSamples]]:
 
 def _positive(samples: Sequence[Any]) -> list[float]:
     times = [float(sample) for sample in samples]
-    if not times or min(times) <= 0:
+    if not times or not all(0 < time < math.inf for time in times):
         raise ValueError("samples must be positive")
     return times
 
@@ -182,7 +183,7 @@ def read_base(path: str | Path) -> Document:
     try:
         with file_errors(path):
             document: Document = json.loads(path.read_text("utf-8"))
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise FileError(path, f"is not JSON: {clean(str(error))}") from None
 
     schema = document.get("schema") if isinstance(document, dict) else None
@@ -193,7 +194,7 @@ def read_base(path: str | Path) -> Document:
         list(timings(document))
         differences(document, document)
         workload_obstacle(document, document)
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise FileError(path, f"is an incomplete benchmark: {type(error).__name__} {clean(str(error))}") from None
     return document
 

@@ -109,8 +109,8 @@ class PercentKind(RealKind):
 
     def parse(self, text: str) -> float:
         try:
-            return self(to_float(text[:-1]) / 100 if text.endswith("%") else math.nan)
-        except InvalidValueError:
+            return self(float(rational(text[:-1] if text.endswith("%") else math.nan) / 100))  # rounded once
+        except ValueError:
             raise InvalidValueError("a percentage; write it as in 10%") from None
 
 
@@ -224,10 +224,10 @@ class SizeKind(Kind[Sequence[int], tuple[int, int]]):
         return sides[0].__index__(), sides[1].__index__()
 
     def parse(self, text: str) -> tuple[int, int]:
-        width, _, height = text.lower().partition("x")
-        if not (width.isdecimal() and height.isdecimal() and int(width) and int(height)):
+        sides = re.fullmatch(rf"0*([1-9][0-9]{{0,{MOST_DIGITS - 1}}})[xX]0*([1-9][0-9]{{0,{MOST_DIGITS - 1}}})", text)
+        if sides is None:
             raise InvalidValueError("a size; write width x height in pixels, as in 1280x720")
-        return int(width), int(height)
+        return int(sides[1]), int(sides[2])
 
     def plain(self, value: tuple[int, int]) -> str:
         return f"{value[0]}x{value[1]}"
@@ -258,7 +258,7 @@ class FigureSizeKind(SizeKind):
             return super().parse(text)
         try:
             width, height = (round(float(side) * 96 / 25.4) for side in match.groups())
-        except ValueError:
+        except (ValueError, OverflowError):
             raise InvalidValueError("a size; write width x height, as in 1280x720 or 85mmx60mm") from None
         return self((width, height))
 

@@ -209,7 +209,7 @@ class Options:
             except InvalidValueError as error:
                 wrong = _shown(value) if error.part is None else error.part
                 raise BadValueError(mention(each.name), wrong, error.expected) from None
-            except (AttributeError, TypeError, ValueError) as error:
+            except (AttributeError, OverflowError, TypeError, ValueError) as error:
                 expected = each.kind.accepted or f"a value that this option accepts ({each.kind.metavar})"
                 raise BadValueError(mention(each.name), value, expected) from error
             object.__setattr__(self, each.attribute, made)

@@ -19,14 +19,14 @@ from mjrun.options.number_kinds import RangeKind
 from mjrun.options.schema_validation import InvalidValueError
 from mjrun.probe.expression import ColumnReference
 from mjrun.probe.row_expression import RowExpression, parse_row_expression
-from mjrun.probe.scanner import spelled
+from mjrun.probe.scanner import QUOTES, spelled
 
 T = TypeVar("T")
 
-_TITLE = re.compile(r"\s*((?:[^:='`]|:(?!\s))+?)\s*:\s+(.*)", re.DOTALL)
-_LABEL = re.compile(r"\s*([^='`]*[^='`\s])\s*=(.*)", re.DOTALL)
+_TITLE = re.compile(r"""\s*((?:[^:='`"]|:(?!\s))+?)\s*:\s+(.*)""", re.DOTALL)
+_LABEL = re.compile(r"""\s*([^='`"]*[^='`"\s])\s*=(.*)""", re.DOTALL)
 _WILDCARD = re.compile(r"[^\s()]*(?:/\*|\*/|\?)[^\s()]*|\*[^\s()]*|[^\s()]*\*")  # not a product of two values
-_QUOTES, _OPENING, _CLOSING = "'`", "([", ")]"
+_OPENING, _CLOSING = "([", ")]"
 _PANEL = re.compile(r"\s*([1-9][0-9]{0,3}):(.*)", re.DOTALL)
 
 
@@ -224,7 +224,7 @@ def _split(text: str, columns: Sequence[str]) -> Iterator[str]:
     for index, character in enumerate(text):
         if quote:
             quote = "" if character == quote else quote
-        elif character in _QUOTES:
+        elif character in QUOTES:
             quote = character
         elif character in _OPENING:
             depth += 1

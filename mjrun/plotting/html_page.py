@@ -346,7 +346,7 @@ def page_file(path: str, page: str, limit: float) -> ShownFile:
             return ShownFile(path, kind, data_uri(kind, file.read_bytes()), size)
 
     beside = os.path.relpath(os.path.realpath(file), Path(os.path.realpath(page)).parent)
-    return ShownFile(path, kind if size is not None else None, f"./{quote(beside)}", size)
+    return ShownFile(path, kind if size is not None else None, f"./{quote(os.fsencode(beside))}", size)
 
 
 def media_html(paths: Iterable[str | Path]) -> str | None:

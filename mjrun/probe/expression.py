@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import field
 from functools import cache, cached_property, lru_cache
-from operator import add, eq, ge, gt, le, lt, mul, sub
+from operator import add, eq, ge, gt, le, lt, mul, neg, pos, sub
 from typing import Any
 
 import numpy as np
@@ -78,7 +78,7 @@ FUNCTIONS = (*ELEMENTWISE, *OTHERS, *AGGREGATES)
 FIXED, START, ROW, TABLE = "fixed", "start", "row", "table"
 
 # Functions whose value has the unit of their operands.
-KEEPING_UNITS = {ARITHMETIC["+"], ARITHMETIC["-"], abs, np.minimum, np.maximum}
+KEEPING_UNITS = {ARITHMETIC["+"], ARITHMETIC["-"], abs, neg, pos, *FOLDED.values()}
 ANY_UNIT = None  # of a number in the text, which takes the unit of what it is added to or compared with
 
 

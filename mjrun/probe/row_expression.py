@@ -19,7 +19,7 @@ import numpy as np
 
 from mjrun.probe import expression as tree
 from mjrun.probe.parser import Parser
-from mjrun.probe.scanner import Vocabulary
+from mjrun.probe.scanner import QUOTES, Vocabulary
 
 NO_MATCHES: Mapping[tree.TextMatch, np.ndarray] = {}
 
@@ -118,7 +118,7 @@ def named_condition(text: str) -> tuple[str, str]:
     """Splits `landed=contact/ncon > 0` into label and condition; by default the condition is its own label."""
     label, equals, condition = text.partition("=")
     name = label.strip()
-    if equals and condition[:1] != "=" and name and name[-1] not in "<>!" and not set(name) & set("()'`"):
+    if equals and condition[:1] != "=" and name and name[-1] not in "<>!" and not set(name) & {"(", ")", *QUOTES}:
         return name, condition.strip()
     return text.strip(), text.strip()
 

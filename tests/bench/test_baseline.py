@@ -2,6 +2,7 @@
 
 import copy
 import json
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -246,6 +247,9 @@ def without(key: str) -> Callable[[dict[str, Any]], None]:
         (without("machine"), "is an incomplete benchmark: KeyError 'machine'"),
         (lambda d: d["rows"][0]["step"].update(samples=[1, -1]), "samples must be positive"),
         (lambda d: d["rows"][0]["step"].update(samples=[]), "samples must be positive"),
+        (lambda d: d["rows"][0]["step"].update(samples=[math.nan]), "samples must be positive"),
+        (lambda d: d["rows"][0]["step"].update(samples=[math.inf]), "samples must be positive"),
+        (lambda d: d["rows"][0]["step"].update(samples=[10**400]), "is an incomplete benchmark: OverflowError"),
         (lambda d: d.update(rows=3), "is an incomplete benchmark: TypeError"),
         (lambda d: d.update(reference_workload={}), "is an incomplete benchmark: KeyError 'version'"),
         (lambda d: d["rows"][0].update(reference_workload={"samples": [1.0]}), "as many samples as the timing"),
@@ -263,7 +267,7 @@ def test_a_file_that_is_no_benchmark_is_refused(
         read_base(path)
 
 
-@pytest.mark.parametrize("text", ["", "[]", "{", "3", "\x00"])
+@pytest.mark.parametrize("text", ["", "[]", "{", "3", "\x00", "[" * 100_000])
 def test_a_file_that_is_not_json_or_not_an_object_is_refused(tmp_path: Path, text: str) -> None:
     path = tmp_path / "base.json"
     path.write_text(text)

@@ -175,6 +175,7 @@ def test_what_python_cannot_mean_is_refused(kind: Kind[Any, Any], value: object,
         (ProcessCountKind(), "2", 2),
         (ProcessCountKind(), "auto", "auto"),
         (PercentKind(), "10%", 0.1),
+        (PercentKind(), "0.7%", 0.007),
         (GroupsKind(), "0,1", (0, 1)),
         (GroupsKind(), "all", GROUPS),
         (NamedNumbersKind(), "root/z=1", ("root/z", (1.0,))),
@@ -200,8 +201,8 @@ def test_a_command_line_is_parsed(kind: Kind[Any, Any], text: str, expected: obj
 @pytest.mark.parametrize(
     ("kind", "texts"),
     [
-        (SizeKind(), ["640", "0x480"]),
-        (FigureSizeKind(), ["85mmx60", "85mm", "x60mm", "0x0mm", "1.2.3x4mm", "85cmx60cm"]),
+        (SizeKind(), ["640", "0x480", "9" * 5000 + "x2"]),
+        (FigureSizeKind(), ["85mmx60", "85mm", "x60mm", "0x0mm", "1.2.3x4mm", "85cmx60cm", "9" * 400 + "mmx60mm"]),
         (RangeKind(), ["4..1", "1", "nan..1"]),
         (ExactNumberKind(), ["-1", "x"]),
         (RealKind(), ["nan"]),

@@ -51,6 +51,12 @@ def test_values_are_converted_checked_and_frozen() -> None:
         race.laps = 3  # type: ignore[misc]
 
 
+@pytest.mark.parametrize("weight", [10**400, [1.0, 10**400]])
+def test_a_number_too_large_for_floating_point_is_a_bad_value(weight: object) -> None:
+    with pytest.raises(BadValueError, match=r"^weights: .* is not a mapping of names to numbers"):
+        Race("cars", "oval", weights={"a": weight})
+
+
 def test_a_bad_value_names_its_option_as_python_does() -> None:
     with pytest.raises(BadValueError, match=r"^laps: '0' is not a whole number of at least 1$") as error:
         Race("cars", "oval", laps=0)

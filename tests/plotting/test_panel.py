@@ -140,6 +140,8 @@ def curves(text: str) -> list[tuple[str, str | None, float]]:
         ("*knee", [("qpos/knee", None, 2), ("qvel/knee", None, 4)]),
         ("qpos/knee, qvel/knee", [("qpos/knee", None, 2), ("qvel/knee", None, 4)]),
         ("a,b", [("a,b", None, 5)]),
+        ('"a,b"', [("a,b", None, 5)]),
+        ('"x=y", time', [("x=y", None, 7), ("time", None, 1)]),
         ("'a,b' * 2, time", [("'a,b' * 2", None, 10), ("time", None, 1)]),
         ("max(qpos/knee, qvel/knee)", [("max(qpos/knee, qvel/knee)", None, 4)]),
         ("qpos/knee*qvel/knee", [("qpos/knee*qvel/knee", None, 8)]),

@@ -18,7 +18,13 @@ from mjrun.physics.simulation_loop import Tap, run_with_taps
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.probe.assertion import parse
 from mjrun.probe.parser import LONGEST
-from mjrun.probe.row_expression import Condition, RisingEdgeDetector, parse_condition, parse_row_expression
+from mjrun.probe.row_expression import (
+    Condition,
+    RisingEdgeDetector,
+    named_condition,
+    parse_condition,
+    parse_row_expression,
+)
 from mjrun.probe.scanner import spelled
 from mjrun.probe.select import aliases, available_columns
 from mjrun.probe.vocabularies import ModelVocabulary, TableVocabulary
@@ -396,3 +402,20 @@ def test_a_condition_knows_what_it_reads() -> None:
 def test_what_is_no_condition_is_refused(text: str, kind: type, message: str) -> None:
     with pytest.raises(kind, match=message):
         parse_condition(text, TABLE_NAMES, "when")
+
+
+@pytest.mark.parametrize(
+    ("text", "label", "condition"),
+    [
+        ("landed=time > 1", "landed", "time > 1"),
+        ("time >= 1", "time >= 1", "time >= 1"),
+        ("'a=b' > 1", "'a=b' > 1", "'a=b' > 1"),
+        ("`a=b` > 1", "`a=b` > 1", "`a=b` > 1"),
+        ('"a=b" > 1', '"a=b" > 1', '"a=b" > 1'),
+        ('high="a=b" > 1', "high", '"a=b" > 1'),
+    ],
+)
+def test_a_condition_may_have_a_label_and_names_in_any_quotes_hold_no_label(
+    text: str, label: str, condition: str
+) -> None:
+    assert named_condition(text) == (label, condition)
