@@ -89,7 +89,7 @@ def _policy(summary: PolicySummary, result: "EvaluationResult", *, several: bool
     heads = ("", "Episodes", "Mean", level, "Interquartile mean", level, "Median", "Std", "Min", "Max")
     title = f"Results of {clean(summary.policy)}" if several else "Results"
     episodes = f"{summary.episodes:,} episodes of {clean(summary.policy)}"
-    caption = "; ".join(filter(None, [episodes, *doubts([summary], None, result.confidence)]))
+    caption = "; ".join(filter(None, [episodes, *doubts([summary], None, result.confidence, result.episodes)]))
     return PageFactTable(title, caption, heads, rows, range(1, 10))
 
 
@@ -115,7 +115,7 @@ def _comparison(result: "EvaluationResult") -> list[PageFactTable]:
     level = f"{100 * result.confidence:g} % interval"
     heads = ("", "Difference", level, "Of interquartile means", level, "Better", "Wins / losses / ties")
     pairs = f"{clean(compared.first)} minus {clean(compared.second)}, over {compared.pairs:,} pairs of episodes"
-    caption = "; ".join(filter(None, [pairs, *doubts([], compared, result.confidence)]))
+    caption = "; ".join(filter(None, [pairs, *doubts([], compared, result.confidence, result.episodes)]))
     return [PageFactTable("Comparison", caption, heads, rows, range(1, 5))]
 
 

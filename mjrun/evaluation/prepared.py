@@ -28,7 +28,7 @@ from mjrun.evaluation.episode import (
     PolicyChoice,
     player_of,
 )
-from mjrun.evaluation.summaries import IQM, LENGTH, OWN, RETURN, REWARD, PassCriteria, seed_column
+from mjrun.evaluation.summaries import LENGTH, OWN, RETURN, REWARD, PassCriteria, names_beside_metrics, seed_column
 from mjrun.experiment.design import SHORT_PATHS, Design, design
 from mjrun.experiment.results_table import check_metric_names, plain_metrics, written_units
 from mjrun.experiment.samplers import SAMPLES
@@ -115,7 +115,8 @@ class PreparedEvaluation:
             self.metrics = [name for name, _ in plain_metrics(options.metric)]
             self.units = {**self.player.metric_units(), **written_units(options.metric)}
             check_metric_names(
-                options.metric, (*OWN, RETURN + IQM, *OUTCOMES, *self.player.endings, *self.points.names)
+                options.metric,
+                (*OWN, *OUTCOMES, *self.player.endings, *self.points.names, *names_beside_metrics(self.metrics)),
             )
             self.criteria = self._criteria(options)
 
@@ -464,8 +465,10 @@ class PreparedEpisodes(PreparedPoints):
         """Returns the records of the episodes of each group."""
         records, count = dict[str, EpisodeRecord](), len(self._seeds)
         for index, key in enumerate(self.keys):
-            if key not in records:  # two groups may have the same episodes
-                records[key] = self._record(self._seeds[index % count], self.known[index])
+            if key not in records or records[key].status != "ok":  # two groups may have the same episodes
+                record = self._record(self._seeds[index % count], self.known[index])
+                if key not in records or record.status == "ok" or records[key].status == "missing":
+                    records[key] = record
         keys = [self.keys[start : start + count] for start in range(0, len(self.keys), count)]
         return [[records[key] for key in some] for some in keys]
 

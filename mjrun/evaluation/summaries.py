@@ -27,7 +27,7 @@ REWARD = "reward/"  # precedes the name of each term
 SUCCESS, RETURN, LENGTH = "success", "return", "length"
 IQM = "_iqm"  # follows a name: the interquartile mean
 DIFFERENCE = "_difference"  # follows a name: the difference to the other policy
-LOW = "_low"  # follows a name: the lower end of its interval
+LOW, HIGH = "_low", "_high"  # follow a name: the ends of its interval
 OWN = ("policy", "point", "episode", "seed", "return", "length", "steps", "ending", "outcome", "status", "message")
 
 
@@ -228,25 +228,33 @@ def summary_of(
     )
 
 
-def doubts(policies: Sequence[PolicySummary], comparison: PolicyComparison | None, confidence: float) -> list[str]:
+def doubts(
+    policies: Sequence[PolicySummary], comparison: PolicyComparison | None, confidence: float, seeds: int
+) -> list[str]:
     """Returns for each policy a sentence about the interval of the mean return, or an empty text if it is reliable.
 
     A last sentence concerns the difference of two policies.
+
+    Args:
+      seeds: number of seeds, each of which has an episode at every point.
     """
-    texts = [_doubt(each.returns.doubt, each.returns.count, "the mean", "episodes", confidence) for each in policies]
+    texts = [
+        _doubt(each.returns.doubt, each.returns.count, "the mean", "episodes", confidence, seeds) for each in policies
+    ]
     if comparison:
         doubt, pairs = comparison.returns.doubt, comparison.pairs
-        texts.append(_doubt(doubt, pairs, "the mean difference", "pairs of episodes", confidence))
+        texts.append(_doubt(doubt, pairs, "the mean difference", "pairs of episodes", confidence, seeds))
     return texts
 
 
-def _doubt(doubt: Doubt, count: int, mean: str, cases: str, confidence: float) -> str:
+def _doubt(doubt: Doubt, count: int, mean: str, cases: str, confidence: float, seeds: int) -> str:
     start = f"the {100 * confidence:g} % interval of {mean} may be too narrow"
     if doubt == "few":
+        count, independent = (seeds, "seeds") if count > seeds else (count, cases)  # episodes of a seed are one case
         absent, rare = (1 - statistics.RARE) ** count, f"{100 * statistics.RARE:g} %"
         return (
-            f"{start}: {100 * absent:.2g} % of samples of {count} {cases} lack an event of a probability of {rare}; "
-            f"{statistics.enough_cases()} {cases} are enough for it"
+            f"{start}: {100 * absent:.2g} % of samples of {count} {independent} lack an event of a probability of "
+            f"{rare}; {statistics.enough_cases()} {independent} are enough for it"
         )
     if doubt == "skewed":
         return (
@@ -376,10 +384,10 @@ def point_table(
     table.add_texts("status", ["ok" if point.policies[0].episodes else "failed" for point in points])
     for name in meanings:
         intervals = [each[name].interval for each in measured]
-        ends = (("low", [each.low for each in intervals]), ("high", [each.high for each in intervals]))
+        ends = ((LOW, [each.low for each in intervals]), (HIGH, [each.high for each in intervals]))
         for end, values in ends:
-            meaning = f"{end} end of the interval of {name}"
-            table.add(Column(f"{name}_{end}", units.get(name, ""), meaning), [*map(_number, values)])
+            meaning = f"{end.removeprefix('_')} end of the interval of {name}"
+            table.add(Column(name + end, units.get(name, ""), meaning), [*map(_number, values)])
     return table, meanings
 
 
@@ -390,6 +398,13 @@ class Estimate:
     value: float | None
     meaning: str
     interval: Interval
+
+
+def names_beside_metrics(metrics: Sequence[str]) -> list[str]:
+    """Returns the names of the estimates that are not metrics, and of the ends of the intervals of all estimates."""
+    own = [SUCCESS, RETURN, RETURN + IQM, LENGTH]
+    own += [name + DIFFERENCE for name in (RETURN, SUCCESS, RETURN + IQM)]
+    return [*own, *(name + end for name in (*own, *metrics) for end in (LOW, HIGH))]
 
 
 def measures(summary: PolicySummary, comparison: PolicyComparison | None) -> dict[str, Estimate]:

@@ -280,7 +280,8 @@ def numbers(texts: Sequence[str]) -> np.ndarray | None:
     try:
         values = np.fromiter((float(text) if text else math.nan for text in texts), float, len(texts))
         large = np.flatnonzero(np.abs(values) >= LARGEST_INTEGER)
-        is_exact = all(int(texts[place]) == int(values[place]) for place in large.tolist() if texts[place].isdecimal())
+        whole = [place for place in large.tolist() if texts[place].lstrip("+-").isdecimal()]
+        is_exact = all(int(texts[place]) == int(values[place]) for place in whole)
     except (ValueError, OverflowError):  # the latter of a whole number that is no float
         return None
     return values if is_exact else None
@@ -565,9 +566,10 @@ def _product(parts: Sequence[Design]) -> Design:
 
 def _require_possible(counts: Iterable[int]) -> None:
     """Refuses more than `MOST_POINTS` combinations."""
-    count = int(np.prod([float(count) for count in counts]))
+    count = prod(counts)
     if count > MOST_POINTS:
-        raise UsageError(f"{count:,} points; a study has {MOST_POINTS:,} at most")
+        shown = f"{count:,}" if count < LARGEST_INTEGER else f"10^{math.log10(count):.0f}"
+        raise UsageError(f"{shown} points; a study has {MOST_POINTS:,} at most")
 
 
 def read_points(path: str) -> Design:

@@ -140,7 +140,7 @@ class Policy(ABC):
             if answer is None:  # NumPy would convert it to NaN
                 raise TypeError
             action = np.array(answer, np.float64).reshape(-1)  # a copy, as the policy may write into its array again
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):  # the latter of a whole number that is no float
             kind = described_type(answer)
             raise ControllerError(f"{policy} returned {kind}, not numbers\nthe task takes {takes}", POLICY) from None
         if len(action) != len(names):

@@ -102,8 +102,13 @@ def span_of_time(seconds: float) -> str:
     """Formats a time in a suitable unit: `12 ms`, `3.4 s`, `5 min`, `2.5 h`."""
     for least, unit, size in ((7200, "h", 3600), (120, "min", 60), (1, "s", 1), (1e-3, "ms", 1e-3)):
         if seconds >= least:
-            return f"{seconds / size:.2g} {unit}" if seconds / size < 100 else f"{seconds / size:.0f} {unit}"
-    return f"{seconds * 1e6:.2g} us" if seconds else "0 s"
+            return f"{_two_digits(seconds / size)} {unit}"
+    return f"{_two_digits(seconds * 1e6)} us" if seconds else "0 s"
+
+
+def _two_digits(number: float) -> str:
+    """Formats a number with two digits, or as a whole number where it has more."""
+    return f"{number:.2g}" if number < 99.5 else f"{number:.0f}"
 
 
 def study_status(folder: str | Path) -> StudyStatus:

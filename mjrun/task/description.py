@@ -338,15 +338,15 @@ def _actions(actions: ActionMap, model: mujoco.MjModel) -> Iterator[ActionRow]:
             kd=float(actions.kd[index]) if has_gains else None,
             delay=int(actions.delays[index]),
             actuator=actuators[actuator],
-            range=control_range(model, actuator),
+            range=control_range(model, driven.control),
         )
 
 
-def control_range(model: mujoco.MjModel, actuator: int) -> Numbers | None:
-    """Returns the limits of the control of an actuator; None if it has none."""
-    if not model.actuator_ctrllimited[actuator]:
+def control_range(model: mujoco.MjModel, control: int) -> Numbers | None:
+    """Returns the limits of a control, of which an actuator may have several; None if it has none."""
+    if not model.actuator_ctrllimited[control]:
         return None
-    low, high = map(float, model.actuator_ctrlrange[actuator])
+    low, high = map(float, model.actuator_ctrlrange[control])
     return low, high
 
 

@@ -133,12 +133,14 @@ class ExternalEnvironment:
         with self._errors_of("step"):
             converted = action.reshape(self._action_shape).astype(self._action_type)
             result, reward, terminated, truncated, info = self._environment.step(converted)
+            reward = float(reward)
         observation = _one_vector(self._flatten(result))
-        terms = {key.removeprefix(REWARD): float(value) for key, value in info.items() if key.startswith(REWARD)}
+        reported = {key.removeprefix(REWARD): value for key, value in info.items() if key.startswith(REWARD)}
+        terms = {name: float(value) for name, value in reported.items() if _is_number(value)}
         ending = TIMED_OUT if truncated else None
         if terminated:
-            ending = Ending(TERMINATED, "success" if any(info.get(name) for name in SUCCESS) else "failure")
-        return EnvironmentStep(observation, float(reward), terms, ending)
+            ending = Ending(TERMINATED, "success" if any(np.any(info.get(name)) for name in SUCCESS) else "failure")
+        return EnvironmentStep(observation, reward, terms, ending)
 
     def state(self) -> np.ndarray:
         """Returns the integration state `(nstate,)` of its simulation."""
@@ -333,6 +335,11 @@ def _numbered(space: Any, prefix: str = "") -> list[str]:
     if isinstance(space, spaces.Dict):
         return [name for key, part in space.spaces.items() for name in _numbered(part, f"{prefix}{key}/")]
     return [f"{prefix}{i}" for i in range(int(spaces.flatdim(space)))]
+
+
+def _is_number(value: Any) -> bool:
+    """Returns whether a value of the info of a step is one number, and not a mapping, a text or a vector."""
+    return np.ndim(value) == 0 and np.asarray(value).dtype.kind in "biuf"
 
 
 def _one_vector(values: Any) -> np.ndarray:

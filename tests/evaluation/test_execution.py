@@ -155,3 +155,16 @@ def test_results_have_the_numbers_of_their_records(tmp_path: Path, monkeypatch: 
     played, _ = play(some, range(3), tmp_path / "out")
     assert repr(played) == repr([expected])
     assert repr(PreparedEpisodes(some, some.groups, range(3), tmp_path / "out").taken_records()) == repr([expected])
+
+
+def test_an_episode_that_one_of_two_equal_policies_has_played_is_known_of_both(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    simulate_here(monkeypatch)
+    some = prepared(tmp_path, "random", compare="random")
+    expected = player_of(some.groups[0].spec).play(range(2))
+    episodes = PreparedEpisodes(some, some.groups, range(2), tmp_path / "out")
+    episodes.files.create()
+    episodes.simulate([0, 3], ExecutionOptions(), Progress())
+    assert [each.status for each in episodes.known] == ["ok", "missing", "missing", "ok"]
+    assert repr(episodes.taken_records()) == repr([expected, expected])

@@ -193,6 +193,12 @@ def test_two_policies_of_one_name_are_reported_apart(tmp_path: Path) -> None:
         ({"compare": "zero", "vary": {"policy": "zero,random"}}, "both select the policy", ("compare",)),
         ({"policy": "zero", "metric": {"seed": "max(time)"}}, "cannot be the name of a metric", ("metric", "seed")),
         ({"policy": "zero", "metric": {"home": "max(time)"}}, "cannot be the name of a metric", ("metric", "home")),
+        ({"policy": "zero", "metric": {"length_low": "max(time)"}}, "cannot be the name", ("metric", "length_low")),
+        (
+            {"policy": "zero", "metric": {"v": "max(time)", "v_high": "last(time)"}},
+            "cannot be the name",
+            ("metric", "v_high"),
+        ),
         ({"policy": "zero", "metric": {"a b": "max(time)"}}, "cannot be the name of a metric", ("metric", "a b")),
         ({"policy": "zero", "metric": {"m": "max(qpos/knee)"}}, "qpos/knee", ("metric", "m")),
         ({"policy": "zero", "require": ["share(flown) < 1"]}, "flown", ("require", 0)),

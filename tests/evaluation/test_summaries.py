@@ -88,13 +88,15 @@ def test_the_difference_of_returns_has_the_interval_of_the_paired_t_test() -> No
 def test_the_difference_of_few_pairs_is_questioned() -> None:
     ours, theirs = played(*range(10), policy="a"), played(*np.linspace(3, 0, 10), policy="b")
     result = compared([ours], [theirs], 0.95, can_succeed=False)
-    assert doubts([], result, 0.95)[-1].startswith(
+    assert doubts([], result, 0.95, 10)[-1].startswith(
         "the 95 % interval of the mean difference may be too narrow: 35 % of"
     )
-    many = compared([ours] * 4, [theirs] * 4, 0.95, can_succeed=False).returns
+    at_points = compared([ours] * 4, [theirs] * 4, 0.95, can_succeed=False)
+    many = at_points.returns
     assert (many.doubt, many.iqm) == ("few", result.returns.iqm)  # the same seeds at four points
+    assert "35 % of samples of 10 seeds" in doubts([], at_points, 0.95, 10)[-1]
     shifted = compared([ours], [replace(ours, policy="b")], 0.95, can_succeed=False)
-    assert doubts([], shifted, 0.95) == [""]
+    assert doubts([], shifted, 0.95, 10) == [""]
 
 
 def test_the_difference_of_successes_is_that_of_paired_shares() -> None:

@@ -326,3 +326,15 @@ def test_repeats_have_consecutive_seeds_where_floats_have_gaps() -> None:
     first = 2**53 - 1
     repeated = design(VariationOptions(repeats=4), mujoco.MjModel.from_xml_string(BALL), first)
     assert [*repeated.points] == [(str(first + index),) for index in range(4)]
+
+
+def test_more_points_than_a_float_can_count_are_refused() -> None:
+    with pytest.raises(UsageError, match=r"10\^400 points; a study has"):
+        points(vary={f"body/ball.user[{index}]": "0..9:10" for index in range(400)})
+
+
+@pytest.mark.parametrize("sign", ["", "+", "-"])
+def test_whole_numbers_of_any_sign_remain_texts_where_floats_round_them(sign: str) -> None:
+    exact, rounded = 2**53, 2**53 + 1
+    assert numbers([f"{sign}{exact}", "1"]) is not None
+    assert numbers([f"{sign}{rounded}", "1"]) is None

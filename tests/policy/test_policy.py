@@ -339,3 +339,10 @@ def test_what_cannot_act_is_refused(code: str) -> None:
         load_policy(f"{code}.py:double")
     with pytest.raises(ControllerError, match=r"raised RuntimeError: no \\x1bway"):
         acted(load_policy(f"{code}:fails"))
+
+
+def test_an_answer_beyond_the_floats_is_an_error_of_the_policy() -> None:
+    actions = ActionSpace(["left"], np.array([-1.0]), np.array([1.0]))
+    policy = load_policy(lambda observation: [10**400])
+    with pytest.raises(ControllerError, match="not numbers"):
+        policy.episode(0, actions)(np.zeros(1))

@@ -99,6 +99,18 @@ def test_a_folder_that_shows_nothing_is_refused(tmp_path: Path) -> None:
             study_status(tmp_path)
 
 
-@pytest.mark.parametrize(("seconds", "text"), [(42, "42 s"), (480, "8 min"), (12000, "3.3 h"), (0.012, "12 ms")])
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [
+        (42, "42 s"),
+        (99.6, "100 s"),
+        (480, "8 min"),
+        (5980, "100 min"),
+        (12000, "3.3 h"),
+        (0.012, "12 ms"),
+        (0.0996, "100 ms"),
+        (0.00015, "150 us"),
+    ],
+)
 def test_a_time_has_a_suitable_unit(seconds: float, text: str) -> None:
     assert span_of_time(seconds) == text

@@ -39,7 +39,10 @@ class Cart(MujocoEnv):
         if self.fault == "raises" and self.data.time > 0.1:
             raise ZeroDivisionError("the cart is gone")
         arrived = self.fault == "arrives" and self.data.time > 0.1
-        return self._seen(), 1.5, arrived, False, {"reward_alive": 1.0, "reward_speed": 0.5, "success": arrived}
+        info: dict[str, Any] = {"reward_alive": 1.0, "reward_speed": 0.5, "success": arrived}
+        if self.fault == "talks":
+            info |= {"reward_terms": {"alive": 1.0}, "reward_unit": "1/s", "reward_of_legs": np.ones(4)}
+        return self._seen(), 1.5, arrived, False, info
 
     def reset_model(self) -> Any:
         self.set_state(self.init_qpos + self.np_random.uniform(-0.1, 0.1, 1), self.init_qvel)

@@ -202,3 +202,19 @@ def test_an_environment_without_a_limit_has_none(tmp_path: Path) -> None:
     assert [row.name for row in description.terminations] == ["terminated"]
     assert [row.name for row in description.rewards] == ["alive", "speed"]
     assert np.all([row.source == "" for row in description.observations])
+
+
+def test_the_range_of_an_action_is_that_of_its_control_after_an_actuator_with_several() -> None:
+    Path("turn.xml").write_text("""<mujoco><option timestep=".01"/><worldbody>
+    <body name="a"><joint name="ball" type="ball" range="0 1"/><geom size=".1"/></body>
+    <body name="b" pos="1 0 0"><joint name="hinge"/><geom size=".1"/></body></worldbody><actuator>
+    <orientation name="turn" joint="ball"/><motor name="push" joint="hinge" ctrlrange="-3 3"/>
+    </actuator></mujoco>""")
+    observations = [Observation(name="angle", probe="qpos/hinge")]
+    made = describe_task(
+        Task("turn.xml", control_dt=0.02, duration=1, observations=observations, actions=[Action(actuators="*")])
+    )
+    limits = {row.name: row.range for row in made.actions}
+    model = mujoco.MjModel.from_xml_path("turn.xml")
+    assert len(limits) == model.nu > model.nactuator
+    assert limits["push"] == (-3, 3)

@@ -261,3 +261,10 @@ def test_an_unstable_simulation_is_told_with_its_first_bad_step(look_inside: boo
     with pytest.raises(UnstableError) as expected:
         reference.advance(reference.step + 5)
     assert (caught.value.step, str(caught.value)) == (expected.value.step, str(expected.value))
+
+
+def test_what_an_environment_tells_of_its_reward_without_a_number_is_no_term(tmp_path: Path) -> None:
+    with registered(tmp_path, "talks") as name:
+        environment = ExternalEnvironment(GymSource(name))
+        environment.reset(0)
+        assert environment.step(ACTION).reward_terms == {"alive": 1.0, "speed": 0.5}

@@ -41,7 +41,7 @@ def beyond_ranges(worlds: "TaskWorlds", places: "TaskPlaces") -> Iterator[Findin
         beyond: list[str] = []
         for i in owned:
             actuator = actions.driven[i].actuator(model)
-            span = control_range(model, actuator)
+            span = control_range(model, actions.driven[i].control)
             if actions.driven[i].target != CONTROL or span is None or not np.isfinite(ends[:, i]).all():
                 continue
             slack = SLACK * (span[1] - span[0])

@@ -167,7 +167,7 @@ def _cautions(result: "EvaluationResult") -> list[tuple[str, str]]:
 
     several = len(result.policies) > 1
     names = [*(clean(each.policy) if several else "return" for each in result.policies), "comparison"]
-    texts = doubts(result.policies, result.comparison, result.confidence)
+    texts = doubts(result.policies, result.comparison, result.confidence, result.episodes)
     return [(name, text) for name, text in zip(names, texts, strict=False) if text]
 
 
