@@ -61,18 +61,20 @@ class ClassicRenderer:
         width, height = (side * visual.samples for side in size)
         self._data = mujoco.MjData(model)
         self._index = 0
+        self._has_shadows = False
         self._scene = mujoco.MjvScene(model, GEOMS)
         self._options = visual.options()
         self._rect = mujoco.MjrRect(0, 0, width, height)
         self._pixels = np.empty((height, width, 3), np.uint8)
         visual.set_flags(self._scene)
+        self._fixed = self._fixed_settings(model)
         self._gl: OpenGLContext | None = None
         self._context: mujoco.MjrContext | None = None
         self._buffer: SingleSampleFramebuffer | None = None  # made when it is needed
         try:
             self._gl = backend.context(width, height)
-            has_shadows = bool(self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] and model.light_castshadow.any())
-            self._context = _offscreen(model, width, height, visual.quality, has_shadows)
+            self._has_shadows = self._needs_shadows(model)
+            self._context = _offscreen(model, width, height, visual.quality, self._has_shadows)
         except Exception as error:
             self.close()
             if isinstance(error, DrawError):
@@ -112,12 +114,13 @@ class ClassicRenderer:
         return seen
 
     def can_show(self, model: mujoco.MjModel) -> bool:
-        """Returns whether a model has the same meshes, textures, height fields, skins, flexes and drawing buffers."""
-        if model is self._model:
-            return True
-        quality, others = model.vis.quality, self._model.vis.quality
-        same = (quality.shadowsize, quality.offsamples) == (others.shadowsize, others.offsamples)
-        return same and all(
+        """Returns whether a model has the same meshes, textures, height fields, skins, flexes and drawing buffers.
+
+        Of the model that is shown, only its visual settings may have changed.
+        """
+        if self._fixed_settings(model) != self._fixed or self._needs_shadows(model) > self._has_shadows:
+            return False
+        return model is self._model or all(
             np.array_equal(getattr(model, name), getattr(self._model, name)) for name in (*MESHES, *SURFACES, *TEXTURES)
         )
 
@@ -159,6 +162,17 @@ class ClassicRenderer:
             self._gl.free()
         self._buffer = self._context = self._gl = None
 
+    def _fixed_settings(self, model: mujoco.MjModel) -> tuple[float, ...]:
+        """Returns the settings of a model that OpenGL keeps: of buffers, of the triangles of shapes, and of fog."""
+        quality, distances, extent = model.vis.quality, model.vis.map, model.stat.extent
+        fixed = quality.shadowsize, quality.offsamples, quality.numslices, quality.numstacks, quality.numquads
+        if not self._scene.flags[mujoco.mjtRndFlag.mjRND_FOG]:
+            return fixed
+        return *fixed, extent * distances.fogstart, extent * distances.fogend, *model.vis.rgba.fog.tolist()
+
+    def _needs_shadows(self, model: mujoco.MjModel) -> bool:
+        return bool(self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] and model.light_castshadow.any())
+
     def _update_scene(self, pose: CameraPose) -> None:
         room = sum(decoration.geoms for decoration in self._decors)
         self._scene = updated_scene(self._model, self._data, self._options, pose, self._scene, room)
@@ -189,8 +203,17 @@ class ClassicRenderer:
             self._scene.flags[:] = previous
 
     def _render(self) -> None:
+        _update_context(self._context, self._model)
         mujoco.mjr_render(self._rect, self._scene, self._context)
         mujoco.mjr_readPixels(self._pixels, None, self._rect, self._context)
+
+
+def _update_context(context: mujoco.MjrContext | None, model: mujoco.MjModel) -> None:
+    """Writes the visual settings of a model that a context has copied and reads again, as mjr_makeContext does."""
+    assert context
+    extent, distances = model.stat.extent, model.vis.map
+    context.lineWidth = model.vis.global_.linewidth
+    context.shadowClip, context.shadowScale = extent * distances.shadowclip, distances.shadowscale
 
 
 def _segments(colors: np.ndarray, most: int) -> np.ndarray:

@@ -236,7 +236,8 @@ def _reach_down(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> float:
 def _tile(extent: float) -> float:
     """Returns the side of a tile of the floor [m], 1, 2 or 5 times a power of ten, for a model of this extent [m]."""
     power = 10 ** math.floor(math.log10(extent / TILES))
-    return max(step * power for step in (1, 2, 5) if step * power <= extent / TILES)
+    # The logarithm of a number just below a power may be rounded to that of the power.
+    return max((step * power for step in (1, 2, 5) if step * power <= extent / TILES), default=power)
 
 
 def _with_geoms(model: mujoco.MjModel, geoms: str | None, omitted: Sequence[int]) -> mujoco.MjModel:

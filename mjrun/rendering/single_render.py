@@ -20,6 +20,7 @@ from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.visual import SegmentationIds, Visual
 
 CACHED = 4  # renderers kept for the next call, in all threads together
+CACHED_CAMERAS = 8  # cameras kept for the next call by each renderer; each has an MjData
 
 
 def render(
@@ -74,7 +75,7 @@ class _CachedRenderer:
         self.renderer = ClassicRenderer(model, size, BackendDetector().result(), visual, SegmentationIds(model))
         self._data = mujoco.MjData(model)
         self._cameras = MujocoCameras(model)
-        self._motions: dict[str, BoundCameraScript] = {}
+        self._motions = OrderedDict[str, BoundCameraScript]()
         self._free_camera = _free_camera(model)
 
     def pose(self, camera: str | int | mujoco.MjvCamera, state: np.ndarray) -> CameraPose:
@@ -89,6 +90,9 @@ class _CachedRenderer:
         text = str(camera)
         if text not in self._motions:
             self._motions[text] = BoundCameraScript(parse_camera(text, self.model), self.model, self.size)
+        self._motions.move_to_end(text)
+        if len(self._motions) > CACHED_CAMERAS:
+            self._motions.popitem(last=False)
         return self._motions[text].pose(state)
 
 
@@ -109,6 +113,8 @@ def _cached_renderer(model: mujoco.MjModel, size: tuple[int, int], visual: Visua
     width, height = size
     key = threading.get_ident(), id(model), (width, height), repr(visual)
     with _lock:
+        if key in _renderers and not _renderers[key].renderer.can_show(model):
+            _renderers.pop(key).renderer.close()
         if key not in _renderers:
             _renderers[key] = _CachedRenderer(model, (width, height), visual)
             atexit.unregister(close_renderers)

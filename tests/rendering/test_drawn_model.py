@@ -360,3 +360,14 @@ def test_frames_of_a_demonstration_are_those_of_a_bare_loop_that_hides_the_group
             mujoco.mj_forward(model, data)
             renderer.update_scene(data, "agentview", visible)
             assert np.array_equal(frame, renderer.render())
+
+
+@pytest.mark.parametrize(("extent", "tile"), [(0.3, 0.1), (3.0, 1.0), (0.31, 0.1), (14.0, 2.0), (3e-5, 1e-5)])
+def test_tiles_of_the_floor_are_round_and_no_larger_than_a_third_of_the_model(
+    tmp_path: Path, extent: float, tile: float
+) -> None:
+    world = '<worldbody><geom size=".1"/></worldbody>'
+    path = model_file(tmp_path, f'<mujoco><statistic extent="{extent}"/>{world}</mujoco>')
+    _, staged, _ = drawn(path, stage=("floor",))
+    place_stage(staged, [])
+    assert staged.mat_texrepeat[-1] == pytest.approx(1 / (2 * tile))

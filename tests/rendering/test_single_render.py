@@ -1,6 +1,7 @@
 """One image of a state, against rays, files of mjrun, and MuJoCo's own cameras."""
 
 import copy
+import gc
 import os
 import subprocess
 import sys
@@ -13,9 +14,10 @@ import pytest
 from PIL import Image
 
 import mjrun
+from mjrun.camera.script_poses import BoundCameraScript
 from mjrun.errors import DrawError, UnknownNameError, UsageError
-from mjrun.rendering.single_render import CACHED
-from mjrun.rendering.visual import SegmentationIds
+from mjrun.rendering.single_render import CACHED, CACHED_CAMERAS
+from mjrun.rendering.visual import SegmentationIds, Visual
 
 SIZE = (48, 32)
 XML = """
@@ -104,6 +106,40 @@ def test_a_changed_free_camera_takes_effect(camera: str) -> None:
     other = copy.copy(model)
     assert not np.array_equal(changed, before)
     np.testing.assert_array_equal(changed, mjrun.render(other, moved(other), camera, SIZE))
+
+
+@pytest.mark.parametrize("setting", ["fogend", "shadowscale", "castshadow", "numslices"])
+def test_changed_visual_settings_take_effect_also_where_opengl_keeps_them(setting: str) -> None:
+    text = XML.replace('pos="0 0 4"', 'pos="1 1 4" dir="-.2 -.2 -1" castshadow="false"').replace(
+        'box" size', 'ellipsoid" size'
+    )
+    model = mujoco.MjModel.from_xml_string(text)
+    model.vis.quality.shadowsize, model.vis.map.fogstart = 256, 0.1
+    model.light_castshadow[:] = setting == "shadowscale"
+    fog = Visual(show=("fog",))
+    before = mjrun.render(model, moved(model), "top", SIZE, visual=fog)
+    match setting:
+        case "fogend":
+            model.vis.map.fogend = 1
+        case "shadowscale":
+            model.vis.map.shadowscale = 0.1
+        case "castshadow":
+            model.light_castshadow[:] = True
+        case _:
+            model.vis.quality.numslices = model.vis.quality.numstacks = 4
+    changed = mjrun.render(model, moved(model), "top", SIZE, visual=fog)
+    other = copy.copy(model)
+    assert not np.array_equal(changed, before)
+    np.testing.assert_array_equal(changed, mjrun.render(other, moved(other), "top", SIZE, visual=fog))
+
+
+def test_cameras_of_earlier_calls_do_not_fill_the_memory(model: mujoco.MjModel) -> None:
+    cameras = set[int]()
+    for azimuth in range(3 * CACHED_CAMERAS):
+        mjrun.render(model, moved(model), f"orbit:lookat=box,distance=2,azimuth={azimuth}", SIZE)
+        gc.collect()
+        cameras.add(sum(isinstance(each, BoundCameraScript) for each in gc.get_objects()))
+    assert max(cameras) - min(cameras) <= CACHED_CAMERAS
 
 
 @pytest.mark.parametrize("size", [SIZE, (16, 16)])
