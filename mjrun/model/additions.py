@@ -57,7 +57,7 @@ def servos(model: mujoco.MjModel) -> list[int]:
     """Returns the ids of the actuators that control the position of a joint."""
     return [
         index
-        for index in range(model.nu)
+        for index in range(model.nactuator)
         if model.actuator_trntype[index] == mujoco.mjtTrn.mjTRN_JOINT
         and model.actuator_biastype[index] == mujoco.mjtBias.mjBIAS_AFFINE
         and model.actuator_dyntype[index] != mujoco.mjtDyn.mjDYN_INTEGRATOR
@@ -114,12 +114,12 @@ def _become_servo(motor: mujoco.MjsActuator, index: int, model: mujoco.MjModel, 
 def _force_limits(model: mujoco.MjModel, index: int) -> np.ndarray:
     """Returns the least and the largest force or torque that a motor exerts on its joint `(2,)`; perhaps infinite."""
     limits = np.array([-np.inf, np.inf])
-    gain = model.actuator_gainprm[index, 0]
-    if model.actuator_ctrllimited[index]:
-        limits = np.sort(gain * model.actuator_ctrlrange[index])
+    gain, control = model.actuator_gainprm[index, 0], model.actuator_ctrladr[index]
+    if model.actuator_ctrllimited[control]:
+        limits = np.sort(gain * model.actuator_ctrlrange[control])
     if model.actuator_forcelimited[index]:
         limits = np.clip(limits, *model.actuator_forcerange[index])
-    return np.sort(limits * model.actuator_gear[index, 0])
+    return np.sort(limits * model.actuator_gear[model.actuator_outadr[index], 0])
 
 
 def _stiffness(model: mujoco.MjModel, joint: int, inertia: float, limits: np.ndarray) -> float:

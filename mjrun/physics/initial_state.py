@@ -73,7 +73,9 @@ class InitialState:
                 _set(data.qvel, _joint_slices(model, model.jnt_dofadr, QVEL_COMPONENTS, name), values, "qvel", name)
         if self.position_control is not None:
             for index in servos(model):
-                data.ctrl[index] = data.qpos[model.jnt_qposadr[model.actuator_trnid[index, 0]]]
+                position = data.qpos[model.jnt_qposadr[model.actuator_trnid[index, 0]]]
+                gear = model.actuator_gear[model.actuator_outadr[index], 0]
+                data.ctrl[model.actuator_ctrladr[index]] = gear * position
         for name, values in self.ctrl.items():
             with concerning("ctrl", name):
                 _set(data.ctrl, control_slices(model, name), values, "ctrl", name)
@@ -104,7 +106,7 @@ class InitialState:
         texts: list[str] = []
         for name, values in self.qpos.items():
             hinges = [joint for joint, _ in _joints(model, QPOS_COMPONENTS, name) if model.jnt_type[joint] == HINGE]
-            (value, *_) = values if isinstance(values, Sequence) else [values]
+            value = (values[0] if values else 0.0) if isinstance(values, Sequence) else values
             if hinges and abs(value) > 2 * np.pi and not isinstance(value, AngleWithUnit):
                 turns = f"{abs(value) / (2 * np.pi):.3g} turns"
                 texts.append(

@@ -231,3 +231,21 @@ def test_a_second_floor_whose_contacts_would_count_twice_is_refused(tmp_path: Pa
             simulation.load()
     else:
         assert simulation.load().ngeom == 2
+
+
+def test_servos_hold_the_position_beside_actuators_with_several_controls_and_with_gears(tmp_path: Path) -> None:
+    bodies = "".join(
+        f'<body pos="{x} 0 0"><joint name="{name}" type="{kind}" axis="0 1 0"/><geom size=".1" mass="1"/></body>'
+        for x, (name, kind) in enumerate([("ball", "ball"), ("hip", "hinge"), ("knee", "hinge")])
+    )
+    actuators = """<actuator><orientation joint="ball"/><motor name="hip" joint="hip" gear="2" ctrlrange="-3 3"/>
+      <position name="knee" joint="knee" kp="10" gear="2"/></actuator>"""
+    path = tmp_path / "arm.xml"
+    path.write_text(f"<mujoco><option gravity='0 0 0'/><worldbody>{bodies}</worldbody>{actuators}</mujoco>")
+    simulation = Simulation(str(path), position_control="auto", qpos={"hip": 0.5, "knee": 0.3})
+    model = simulation.load()
+    assert [model.actuator(index).name for index in servos(model)] == ["hip", "knee"]
+    assert model.actuator_forcerange[1].tolist() == [-6, 6]
+    data = simulation.initial_data(model)
+    mujoco.mj_forward(model, data)
+    assert np.abs(data.qfrc_actuator[3:]).max() < 1e-9

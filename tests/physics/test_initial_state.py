@@ -230,3 +230,5 @@ def test_an_angle_beyond_a_turn_is_questioned_unless_its_unit_is_given() -> None
     )
     assert InitialState(qpos={"hip": (AngleWithUnit(90.0),)}).remarks(HINGED) == []
     assert InitialState(qpos={"hip": (6.28,)}).remarks(HINGED) == []
+    with pytest.raises(BadValueError, match="1 number"):
+        InitialState(qpos={"hip": ()}).remarks(HINGED)
