@@ -109,13 +109,18 @@ def _of_element(
     owner = chosen[id(element)]
     holder, attribute = _holder(element, field, override)
     values = np.ravel(np.array(list(np.ravel(getattr(owner, field))), float))
+    is_gain = field in ("gainprm", "biasprm") and attribute != field  # of which the bias is the negative
+    written_values = np.abs(values[[override.index or 0]]) if is_gain else values
     if attribute in holder.attributes:
-        return AttributeChange(holder, attribute, _text(values, holder.attributes[attribute], override))
+        return AttributeChange(holder, attribute, _text(written_values, holder.attributes[attribute], override))
     default = default_holder(element, attribute)
     if default is not None:
-        others = [each for each in written if each.tag == element.tag and attribute not in each.attributes]
+        # All kinds of actuators share their defaults, but not their gains.
+        others = [
+            each for each in written if attribute not in each.attributes and (each.tag == element.tag or not is_gain)
+        ]
         sharing = [each for each in others if default_holder(each, attribute) is default]
-        new = _text(values, default.attributes[attribute], override)
+        new = _text(written_values, default.attributes[attribute], override)
         same = all(
             id(each) in chosen and np.array_equal(np.ravel(getattr(chosen[id(each)], field)), np.ravel(values))
             for each in sharing
@@ -123,7 +128,7 @@ def _of_element(
         if same:
             return AttributeChange(default, attribute, new, is_default=True)
         return AttributeChange(holder, attribute, new)
-    return AttributeChange(holder, attribute, _text(values, "", override))
+    return AttributeChange(holder, attribute, _text(written_values, "", override))
 
 
 def _holder(element: Element, field: str, override: Override) -> tuple[Element, str]:
@@ -147,16 +152,15 @@ def _holder(element: Element, field: str, override: Override) -> tuple[Element, 
 
 def _text(values: np.ndarray, old: str, override: Override) -> str:
     """Returns the attribute value: as many numbers as before, and those that changed."""
-    if override.target.endswith(("gainprm", "biasprm")) and len(old.split()) <= 1:
-        number = values[override.index or 0]
-        return repr(float(abs(number)))  # kp and kv are gains; the bias is their negative
     field = override.target.rpartition(".")[2]
     if override.index is None and field not in PARTIAL:
         last = values.size
     elif override.index is None and override.operation == "scale":  # default numbers too
         last = int(np.flatnonzero(values)[-1]) + 1 if values.any() else 1
+    elif override.index is None:
+        last = len(override.value.replace(",", " ").split())
     else:
-        last = (override.index or 0) + 1
+        last = override.index + 1
     count = max(len(old.split()), last)
     return " ".join(repr(float(value)) for value in values[:count])
 

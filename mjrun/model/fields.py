@@ -257,7 +257,8 @@ def stretch(model: mujoco.MjModel, dimension: str, index: int) -> slice:
     start = int(starts[index])
     if start < 0:
         return slice(0, 0)
-    later = starts[starts > start]
+    later = starts[index + 1 :]  # one without rows begins where the next one does
+    later = later[later >= start]
     return slice(start, int(later.min()) if later.size else int(getattr(model, dimension)))
 
 

@@ -77,6 +77,35 @@ def test_gains_of_a_servo_are_written_as_its_own_attributes(model: Path) -> None
     assert lines == ['<default class="stiff"><joint stiffness="5"/><position kp="44.0" kv="3.0"/></default>']
 
 
+@pytest.mark.parametrize(
+    ("path", "value", "line"),
+    [
+        (
+            "actuator/general.gainprm[1]",
+            "5",
+            '<general name="general" joint="h" gainprm="100.0 5.0" biastype="affine"/>',
+        ),
+        ("actuator/general.biasprm[1]", "-50", 'gainprm="100" biastype="affine" biasprm="0.0 -50.0"/>'),
+        ("actuator/general.biasprm", "0 -50 -1", 'gainprm="100" biastype="affine" biasprm="0.0 -50.0 -1.0"/>'),
+        ("actuator/motor.ctrlrange", "-2 2", '<motor name="motor" joint="h" ctrlrange="-2.0 2.0"/>'),
+    ],
+)
+def test_actuators_keep_their_other_parameters_and_those_of_other_kinds(
+    tmp_path: Path, path: str, value: str, line: str
+) -> None:
+    file = tmp_path / "model.xml"
+    file.write_text("""<mujoco>
+      <default><general ctrlrange="-1 1" ctrllimited="true"/></default>
+      <worldbody><body><joint name="h"/><geom size=".1"/></body></worldbody>
+      <actuator>
+        <general name="general" joint="h" gainprm="100" biastype="affine"/>
+        <motor name="motor" joint="h"/>
+        <position name="servo" joint="h" kp="5"/>
+      </actuator></mujoco>""")
+    (changed_line,) = changed(file, (path, value))[1]
+    assert changed_line.endswith(line)
+
+
 @cases("path, message")
 def test_what_is_no_attribute_is_refused(model: Path, path: str, message: str) -> None:
     with pytest.raises(UsageError, match=message):

@@ -71,6 +71,14 @@ def test_a_stretch_is_what_belongs_to_one_object() -> None:
         assert stretch(model, "nmeshtexcoord", i) == slice(0, 0)
 
 
+def test_a_flex_without_nodes_has_none_of_the_next_one() -> None:
+    flex = '<flexcomp name="{}" type="grid" count="3 3 {}" spacing=".1 .1 .1" radius=".01" dim="{}" {}/>'
+    flexes = flex.format("cloth", 1, 2, "") + flex.format("block", 3, 3, 'dof="trilinear"')
+    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{flexes}</worldbody></mujoco>")
+    stretches = [stretch(model, "nflexnode", flex) for flex in range(2)]
+    assert [each.stop - each.start for each in stretches] == model.flex_nodenum.tolist() == [0, 8]
+
+
 MODEL = mujoco.MjModel.from_xml_string("""<mujoco><worldbody><geom size="1"/><body name="b"><geom name="g" size="1"/>
 </body></worldbody><keyframe><key/></keyframe></mujoco>""")
 
