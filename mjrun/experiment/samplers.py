@@ -14,13 +14,12 @@ from itertools import combinations
 import numpy as np
 
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, listing, option
-from mjrun.physics.random_distribution import Distribution
+from mjrun.physics.random_distribution import LEAST, MOST, Distribution
 
 LEVELS = 4  # of each parameter in a design of Morris
 STEP = 0.5  # change of a fraction from one of its points to the next
 
 Sampler = Callable[[int, int, "np.random.Generator"], np.ndarray]
-LEAST, MOST = 2.0**-53, 1 - 2.0**-53  # fractions whose quantiles are finite
 BLOCK = 2**16  # rows that are transformed at once
 
 

@@ -1,5 +1,6 @@
 """Distributions of random values: their text form, drawing, and quantile functions."""
 
+import math
 import re
 from collections.abc import Callable, Sequence
 from functools import cache, cached_property
@@ -10,10 +11,15 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, clean
 from mjrun.options.setting_kinds import CALL, DISTRIBUTIONS
 
+LEAST, MOST = 2.0**-53, 1 - 2.0**-53  # fractions whose quantiles are finite
+LARGEST_INTEGER = 2**53  # beyond, not every integer is a number
 Quantiles = Callable[[np.ndarray], np.ndarray]
 # The condition on the numbers of a distribution, in words and as a function.
 CONDITIONS: dict[str, tuple[str, Callable[[Sequence[float]], bool]]] = {
-    "uniform": ("LOW below HIGH", lambda numbers: numbers[0] < numbers[1]),
+    "uniform": (
+        "LOW below HIGH, at a finite distance",
+        lambda numbers: numbers[0] < numbers[1] and math.isfinite(numbers[1] - numbers[0]),
+    ),
     "loguniform": ("0 < LOW < HIGH", lambda numbers: 0 < numbers[0] < numbers[1]),
     "normal": ("STD above 0", lambda numbers: numbers[1] > 0),
     "truncnormal": (
@@ -21,8 +27,11 @@ CONDITIONS: dict[str, tuple[str, Callable[[Sequence[float]], bool]]] = {
         lambda numbers: numbers[1] > 0 and numbers[2] < numbers[3],
     ),
     "integers": (
-        "whole numbers, FIRST not above LAST",
-        lambda numbers: numbers[0] <= numbers[1] and all(number == int(number) for number in numbers),
+        "whole numbers of at most 2^53, FIRST not above LAST",
+        lambda numbers: (
+            numbers[0] <= numbers[1]
+            and all(number == int(number) and abs(number) <= LARGEST_INTEGER for number in numbers)
+        ),
     ),
 }
 
@@ -147,10 +156,10 @@ def _quantiles(name: str, numbers: Sequence[float]) -> Quantiles:
         case "loguniform", (low, high):
             return stats.loguniform(low, high).ppf
         case "normal", (mean, std):
-            return stats.norm(mean, std).ppf
+            return lambda fractions: stats.norm(mean, std).ppf(np.clip(fractions, LEAST, MOST))
         case "truncnormal", (mean, std, low, high):
             return stats.truncnorm((low - mean) / std, (high - mean) / std, mean, std).ppf
         case "integers", (first, last):
-            return stats.randint(int(first), int(last) + 1).ppf
+            return lambda fractions: stats.randint(int(first), int(last) + 1).ppf(np.clip(fractions, LEAST, 1))
         case _:
             raise ValueError(name)

@@ -75,3 +75,12 @@ def test_what_is_drawn_has_the_moments_of_the_closed_forms(text: str, mean: floa
 def test_a_text_that_is_no_distribution_is_drawn_as_it_is() -> None:
     assert draw_text("elliptic", np.random.default_rng(0)) == "elliptic"
     assert draw_text("choice(a, a)", np.random.default_rng(0)) == "a"
+
+
+def test_quantiles_at_both_ends_are_values_of_the_distribution() -> None:
+    ends = np.array([0.0, 1.0])
+    integers, normal = (parse_distribution(text, "vary x") for text in ("integers(1, 6)", "normal(0, 1)"))
+    assert integers
+    assert normal
+    assert integers.values(ends) == ["1", "6"]
+    assert np.isfinite(normal.quantiles(ends)).all()
