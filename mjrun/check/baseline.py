@@ -71,7 +71,7 @@ class Baseline:
             for entry in document["findings"]:
                 file, rule, message = (str(entry[name]) for name in ("file", "rule", "message"))
                 known[KnownFinding(file, rule, tuple(map(str, entry["objects"])), message)] += int(entry["count"])
-        except (ValueError, KeyError, TypeError, RecursionError) as error:
+        except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
             raise FileError(
                 path, f"is not {KIND}", f"remove it, and {option('update_baseline')} creates one"
             ) from error

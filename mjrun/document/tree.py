@@ -303,20 +303,28 @@ def _entry_path(tree: MappingNode, place: DocumentPath, path: DocumentPath, decl
 
 
 def meaning(text: str) -> bool | int | float | str | None:
-    """Returns the value of a plain scalar; integers of more than `LONGEST` digits become floats, usually infinite."""
+    """Returns the value of a plain scalar; an integer beyond the floats becomes an infinite one."""
     if text in NOTHING:
         return None
     if text in TRUTH:
         return TRUTH[text]
     if _PREFIXED.fullmatch(text):
-        return int(text, 0) if len(text) <= LONGEST else math.inf
+        return _within_floats(int(text, 0)) if len(text) <= LONGEST else math.inf
     if _INTEGER.fullmatch(text) and len(text) <= LONGEST:
-        return int(text)
+        return _within_floats(int(text))
     if _REAL.fullmatch(text):
         return float(text)
     if infinity := _INFINITY.fullmatch(text):
         return -math.inf if infinity[1] == "-" else math.inf
     return math.nan if text in _NO_NUMBER else text
+
+
+def _within_floats(value: int) -> float:
+    try:
+        float(value)
+    except OverflowError:
+        return math.inf if value > 0 else -math.inf
+    return value
 
 
 def number(value: float) -> float:

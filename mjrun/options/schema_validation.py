@@ -191,7 +191,11 @@ def _text_violations(text: str, schema: Schema, path: Path) -> Iterator[SchemaVi
 def _wrong_number(number: float, schema: Schema) -> str:
     """Returns the expected number if `number` is out of bounds, or else an empty text."""
     least, above, most = (cast("float | None", schema.get(key)) for key in ("minimum", "exclusiveMinimum", "maximum"))
-    if not math.isfinite(number):
+    try:
+        is_finite = math.isfinite(number)
+    except OverflowError:  # a whole number beyond the floats
+        is_finite = False
+    if not is_finite:
         return "a finite number"
     if above is not None and number <= above:
         return "a positive number" if above == 0 else f"a number above {above:g}"

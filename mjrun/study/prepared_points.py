@@ -267,7 +267,7 @@ class PreparedPoints(ABC):
                     some = counted(leased.left, self.noun)
                     reporter.note(f"waiting for {some} that other processes simulate on {listing(leases.hosts())}")
             self._remove_left_leases(leases)
-        if is_shared:  # also of workers that have died since they published them
+        if is_shared and len(indices):  # also of workers that have died since they published them
             missing = int(self.known.is_missing.sum())
             self.files.update(self.known, min(indices), max(indices))
             leased.elsewhere += missing - int(self.known.is_missing.sum()) - unread

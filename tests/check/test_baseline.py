@@ -136,7 +136,20 @@ def test_findings_of_other_models_and_rules_are_not_called_gone() -> None:
     assert check("model.xml").gone == 1
 
 
-@pytest.mark.parametrize("text", ["", "{}", "[1]", '{"schema": "mjrun-baseline-1", "findings": [{}]}', "[" * 100_000])
+ENDLESS = '{"file": "a", "rule": "b", "message": "c", "objects": [], "count": 1e999}'
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "{}",
+        "[1]",
+        '{"schema": "mjrun-baseline-1", "findings": [{}]}',
+        f'{{"schema": "mjrun-baseline-1", "findings": [{ENDLESS}]}}',
+        "[" * 100_000,
+    ],
+)
 def test_a_file_that_is_no_baseline_is_refused_before_any_model_is_checked(text: str) -> None:
     write("known.json", text)
     with pytest.raises(FileError, match=r"known\.json: is not a baseline of mjrun check"):

@@ -14,6 +14,7 @@ from mjrun.document.tree import (
     described,
     find,
     key_mark,
+    meaning,
     path_text,
     plain,
     shortened,
@@ -127,3 +128,11 @@ def test_marks_sort_by_source_line_and_column() -> None:
 
 def test_text_is_cut_to_a_length() -> None:
     assert (shortened("abcde", 5), shortened("abcdef", 5)) == ("abcde", "abcd…")
+
+
+@pytest.mark.parametrize("sign", ["", "+", "-"])
+@pytest.mark.parametrize("text", [str(2**1024), "9" * 309, "9" * 400, "1" + "0" * 309])
+def test_an_integer_beyond_the_floats_is_infinite(sign: str, text: str) -> None:
+    assert meaning(sign + text) == float(sign + text)
+    assert meaning(f"{sign}{2**1023}") == int(f"{sign}{2**1023}")
+    assert meaning(hex(2**1024)) == float("inf")

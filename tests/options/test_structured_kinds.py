@@ -67,6 +67,7 @@ def test_a_declaration_alone_reads_documents_and_describes_them() -> None:
         ({"heat": "2"}, [(("heat",), "a number")]),
         ({"heat": True}, [(("heat",), "a number")]),
         ({"heat": 1e999}, [(("heat",), "a finite number")]),
+        ({"heat": 10**400}, [(("heat",), "a finite number")]),
         ({"heat": 0}, [(("heat",), "a positive number")]),
         ({"heat": 10}, [(("heat",), "a number of at most 9")]),
         ({"heat": 1, "slices": 0}, [(("slices",), "a positive number")]),

@@ -67,6 +67,11 @@ def test_a_task_without_points_does_nothing(study: Study) -> None:
     assert task(plan(study), 11, 11).points == 0
 
 
+def test_a_task_whose_points_are_known_does_nothing_on_any_engine(study: Study) -> None:
+    made = plan(replace(study, engine="tests.study.factories:in_this_process"))
+    assert [task(made, 1, 1).simulated for _ in range(2)] == [10, 0]
+
+
 @given(st.sets(st.integers(0, 400)), st.integers(1, 60))
 def test_tasks_divide_all_points_evenly(points: set[int], tasks: int) -> None:
     ranges = ranges_of(np.array(sorted(points), np.int64))
