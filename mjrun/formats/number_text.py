@@ -73,6 +73,9 @@ class WholeLinePieces:
       layout: number of cells of a line, and indices of those that are read. If it is the same in two files, lines with
         the same bytes are the same rows.
 
+    Attributes:
+      has_waiting_rows: whether rows of the last piece are still to be yielded, so that none may be skipped.
+
     Raises:
       FileError: a line has too many bytes.
     """
@@ -82,6 +85,7 @@ class WholeLinePieces:
         self._file = file
         self._before = before
         self._layout = layout
+        self.has_waiting_rows = False
         self._attempt = self._wait = 0  # attempts to skip equal lines, and how many to leave out
 
     def __iter__(self) -> Iterator[tuple[int, bytes]]:
@@ -106,6 +110,8 @@ class WholeLinePieces:
         Skips only lines with the right number of cells, none of them in quotes. Where files differ everywhere, most
         calls return 0 without comparing.
         """
+        if self.has_waiting_rows or other.has_waiting_rows:
+            return 0
         self._attempt += 1
         if self._layout != other._layout or self._attempt <= self._wait:
             return 0

@@ -416,3 +416,23 @@ def test_other_tables_and_folders_are_none_of_these(tmp_path: Path) -> None:
     assert kind_of(str(tmp_path)) == VIDEO
     assert table_path(str(tmp_path)) == str(tmp_path)
     assert result_manifest(tmp_path / "table.csv") is None
+
+
+@pytest.mark.parametrize("align", ["time", "row"])
+def test_a_difference_is_in_its_row_where_the_lines_of_csv_are_parsed_in_several_blocks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, align: str
+) -> None:
+    count = 4000
+    monkeypatch.setattr(tables, "ENOUGH", 1000)
+    monkeypatch.setattr(number_text, "BYTES", 2**14)
+    lines = [f"{time},7,nan" for time in range(10000, 10000 + count)]
+    a = tmp_path / "a.csv"
+    a.write_text("\n".join(["time,x,gap", *lines, ""]))
+    for row in range(5, count, 333):
+        changed = [*lines]
+        changed[row] = changed[row].replace(",7,", ",9,")
+        b = tmp_path / "b.csv"
+        b.write_text("\n".join(["time,x,gap", *changed, ""]))
+        table = compare(str(a), str(b), TableDiffOptions(align=align))
+        (found,) = (column.first for column in table.columns if column.first)
+        assert (found.row, found.row_b, table.rows) == (row, row, count)

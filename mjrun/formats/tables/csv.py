@@ -232,9 +232,20 @@ def _blocks(
         if block is not None and not (cells is AcceptedCells.ANY and (np.abs(block) >= EXACT).any()):
             yield block
         elif b'"' in piece:  # a cell may end in a later piece, so that the rest is read line by line
-            yield from parse(itertools.chain(_texts(piece), _Lines(path, file, before + piece.count(b"\n"))), before)
+            lines = itertools.chain(_texts(piece), _Lines(path, file, before + piece.count(b"\n")))
+            yield from _marked(parse(lines, before), pieces)
         else:
-            yield from parse(_texts(piece), before)
+            yield from _marked(parse(_texts(piece), before), pieces)
+
+
+def _marked(blocks: Iterator[np.ndarray], pieces: WholeLinePieces) -> Iterator[np.ndarray]:
+    """Yields blocks of the last piece; all but the last one are yielded while rows wait."""
+    block = next(blocks, None)
+    while block is not None:
+        following = next(blocks, None)
+        pieces.has_waiting_rows = following is not None
+        yield block
+        block = following
 
 
 def _plain_block(piece: bytes, indices: list[int], width: int) -> np.ndarray | None:
