@@ -15,7 +15,7 @@ from mjrun.dataclass import dataclass
 
 LENGTHS = 64  # remembered lengths of runs
 EXACT = 2**53  # below it every integer is a float
-_VAST = re.compile(r"[eE][+-]?\d{4}")
+_VAST = re.compile(r"[eE][+-]?\d(_?\d){3}")
 
 
 def rational(value: float | str | Fraction) -> Fraction:

@@ -20,6 +20,7 @@ from mjrun.options.option import OptionRequirement, Options, option, options, re
 from mjrun.options.rendering import STAGE, RendererOptions, SceneOptions, geoms_option
 from mjrun.options.schema_validation import InvalidValueError
 from mjrun.options.sweep import VariationOptions
+from mjrun.timeline import rational
 
 FORMATS = {
     "folder": "images, depths, masks and a JSON record for each image",
@@ -53,8 +54,8 @@ class NamedSharesKind(Kind["str | tuple[tuple[str, Fraction], ...]", tuple[tuple
             return value
         pairs = [part.partition("=") for part in value.split(",")]
         try:
-            shares = tuple((name.strip(), Fraction(share.strip())) for name, _, share in pairs)
-        except (ValueError, ZeroDivisionError):
+            shares = tuple((name.strip(), rational(share)) for name, _, share in pairs)
+        except ValueError:
             raise InvalidValueError(self.expected) from None
         names = [name for name, _ in shares]
         numbers = [share for _, share in shares]
