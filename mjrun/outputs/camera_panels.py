@@ -179,8 +179,9 @@ class CalibrationFile:
             return ""
         if path.endswith("/") or not Path(path).suffix:
             path = str(Path(path) / FRAME_NAME)
-        name = path % frame if "%" in Path(path).name else path
-        return os.path.relpath(name, self._folder)
+        name = Path(path).name
+        shown = Path(path).with_name(name % frame) if "%" in name else path  # a folder may have any name
+        return os.path.relpath(shown, self._folder)
 
 
 def _is_picture(path: str) -> bool:
