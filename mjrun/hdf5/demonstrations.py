@@ -146,13 +146,14 @@ class DemonstrationFile:
         with self._decoding(where):
             dataset = cast(h5py.Dataset, _dataset(group, "states"))
             require_own_content(self.path, "states", dataset)
-            times = [float(dataset[row, 0]) for row in (0, len(dataset) - 1)] if dataset.size else [0.0, 0.0]
+            count = len(dataset) if dataset.shape else 0
+            times = [float(dataset[row, 0]) for row in (0, count - 1)] if dataset.size else [0.0, 0.0]
             images = [key for key, each in _observations(group).items() if each.dtype == np.uint8 and each.ndim == 4]
             instruction = _instruction(text_attributes(self._file, group))
             has_rewards = _dataset(group, "rewards") is not None
         reward = float(self.array(name, "rewards").sum()) if has_rewards else None
         return DemonstrationListEntry(
-            name, len(dataset), _finite(times[1] - times[0]), instruction, _finite(reward), tuple(images)
+            name, count, _finite(times[1] - times[0]), instruction, _finite(reward), tuple(images)
         )
 
     @property

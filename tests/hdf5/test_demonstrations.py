@@ -120,6 +120,14 @@ def test_states_that_are_not_numbers_are_refused(tmp_path: Path, states: Any, se
         file.states("demo")
 
 
+def test_states_without_a_shape_are_listed_as_none_and_refused(tmp_path: Path) -> None:
+    path = broken(tmp_path / "d.hdf5", h5py.Empty("f8"))
+    with DemonstrationFile(path) as file:
+        assert file.episode("demo").states == 0
+        with pytest.raises(FileError, match=r"d\.hdf5:demo: "):
+            file.states("demo")
+
+
 def test_states_that_would_fill_the_memory_are_refused(tmp_path: Path) -> None:
     path = write_demonstrations(tmp_path / "d.hdf5", {"demo": recorded_states()})
     with h5py.File(path, "a") as file:
