@@ -170,8 +170,8 @@ def write_page(scene: SceneToExport, file: BinaryIO) -> None:
         maker=scene.generator,
         times=np.array(scene.recorded_scene.times),
         direction=_direction(scene),
-        panels=list(_panels(scene)),
-        curve_times=scene.values.rows[:, 0] if scene.values else None,
+        panels=list(curve_panels(scene)),
+        curve_times=scene.values.rows[:, 0].copy() if scene.values else None,
         marks=scene.marks,
         contacts=contacts if contacts and len(contacts.values) else None,
         layers=scene.layers,
@@ -196,17 +196,18 @@ def _direction(scene: SceneToExport) -> tuple[float, float] | None:
     return math.radians(chosen.azimuth), math.radians(chosen.elevation)
 
 
-def _panels(scene: SceneToExport) -> Iterator[ReplayPanel]:
+def curve_panels(scene: SceneToExport) -> Iterator[ReplayPanel]:
     """Yields a panel for each use of the option plot, with the columns that it selects."""
     values = scene.values
     if values is None:
         return
-    places = {column.name: index for index, column in enumerate(values.columns)}
+    rows = values.rows.T.astype(np.float32)  # as the page holds them, read once
+    stored = {column.name: row for column, row in zip(values.columns, rows, strict=True)}
     for text in scene.request.plot:
         probes = select(scene.context.model, split(text), scene.context.episode)
         columns = [column for probe in probes for column in probe.columns]
         units = {column.unit for column in columns}
-        curves = [ReplayCurve(column.name, column.unit, values.rows[:, places[column.name]]) for column in columns]
+        curves = [ReplayCurve(column.name, column.unit, stored[column.name]) for column in columns]
         groups = dict.fromkeys(column.name.partition("/")[0] for column in columns)
         yield ReplayPanel(", ".join(groups), units.pop() if len(units) == 1 else "", curves)
 

@@ -5,16 +5,23 @@ import json
 import math
 import re
 import struct
+import tracemalloc
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 from websockets.sync.client import ClientConnection
 
+from mjrun.model.table_column import Column
 from mjrun.outputs.event_detection import TimelineMark
-from mjrun.outputs.export import FrameContacts
-from mjrun.outputs.exports.html import Replay, ReplayCurve, ReplayPanel, replay_page
+from mjrun.outputs.export import FrameContacts, MeasuredValues
+from mjrun.outputs.exports.html import Replay, ReplayCurve, ReplayPanel, curve_panels, replay_page
+from mjrun.physics.simulation_loop import SpooledRows
 from tests.browser import Tab, browser
 
 HOSTILE = "</script><img src=x onerror=hurt=1><script>hurt=1</script>"
@@ -206,3 +213,23 @@ def test_policy_permits_the_scripts_of_the_page_alone() -> None:
     assert policy[1].startswith("default-src &#x27;none&#x27;; script-src &#x27;sha256-")
     assert "unsafe" not in policy[1]
     assert HOSTILE not in content
+
+
+def test_the_curves_of_a_page_take_the_memory_of_their_table_however_many_they_are(swing: Path) -> None:
+    model = mujoco.MjModel.from_xml_path(str(swing))
+    names = [f"xpos/{model.body(body).name}/{axis}" for body in range(1, model.nbody) for axis in "xyz"]
+    columns = [Column("time", "s"), *(Column(name, "m") for name in names)]
+    table = np.random.default_rng(5).standard_normal((20000, len(columns)))
+    context = SimpleNamespace(model=model, episode=None)
+    with closing(SpooledRows(len(columns))) as stored:
+        stored.extend(table)
+        values = MeasuredValues(columns, range(len(table)), stored)
+        scene: Any = SimpleNamespace(values=values, request=SimpleNamespace(plot=names), context=context)
+        tracemalloc.start()
+        panels = list(curve_panels(scene))
+        kept = tracemalloc.get_traced_memory()[0]
+        tracemalloc.stop()
+    curves = [curve for panel in panels for curve in panel.curves]
+    assert [curve.name for curve in curves] == names
+    assert np.array_equal(np.stack([curve.values for curve in curves], 1), table[:, 1:].astype(np.float32))
+    assert kept < 1.5 * table.nbytes
