@@ -57,7 +57,21 @@ def test_a_float_and_its_text_mean_the_same_number_which_rounds_back_to_the_floa
 
 @pytest.mark.parametrize(
     "value",
-    ["", " ", "x", "1,5", "1/0", "1/2/3", "0x10", "nan", "inf", "1e1000", "1e1_000", "-1E-1_0_0_0", *map(float, ("nan", "inf", "-inf"))],
+    [
+        "",
+        " ",
+        "x",
+        "1,5",
+        "1/0",
+        "1/2/3",
+        "0x10",
+        "nan",
+        "inf",
+        "1e1000",
+        "1e1_000",
+        "-1E-1_0_0_0",
+        *map(float, ("nan", "inf", "-inf")),
+    ],
 )
 def test_what_is_not_a_finite_number_is_refused_and_shown(value: float | str) -> None:
     with pytest.raises(ValueError, match="not a finite number") as caught:
