@@ -92,7 +92,7 @@ def polygons(mask: np.ndarray) -> list[np.ndarray]:
     outlines = list[np.ndarray]()
     for line in lines:
         points = np.asarray(line)
-        if _area(points) > 0:  # holes run the other way
+        if area(points) > 0:  # holes run the other way
             outlines.append(_corners(np.clip((points[:-1] + 0.5) / 2 - 1, 0, [mask.shape[1], mask.shape[0]])))
     return outlines
 
@@ -104,7 +104,7 @@ def _corners(points: np.ndarray) -> np.ndarray:
     return points[turns]
 
 
-def _area(points: np.ndarray) -> float:
+def area(points: np.ndarray) -> float:
     """Returns the area of a closed polygon, positive if it runs counter-clockwise with y up."""
     x, y = points.T
     return float(np.dot(x, np.roll(y, -1)) - np.dot(np.roll(x, -1), y)) / 2

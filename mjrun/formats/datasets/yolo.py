@@ -5,8 +5,10 @@ from pathlib import PurePosixPath
 
 from mjrun.errors import UsageError, option
 from mjrun.formats.datasets import DatasetRecords, Files, Record
-from mjrun.formats.datasets.coco import keypoints, mask_of, polygons
+from mjrun.formats.datasets.coco import area, keypoints, mask_of, polygons
 from mjrun.formats.segmentation_labels import ascii_json
+
+LAST_SHORT = 0xFFFF  # the last character that JSON escapes as one
 
 
 def files(dataset: DatasetRecords) -> Files:
@@ -30,7 +32,7 @@ def _description(dataset: DatasetRecords) -> str:
     lines = [f"{part}: {part}.txt" for part in dataset.records]
     if "val" not in dataset.records:  # which Ultralytics requires
         lines.append(f"val: {next(iter(dataset.records))}.txt")
-    lines += ["names:", *(f"  {i}: {ascii_json(name)}" for i, name in enumerate(dataset.categories))]
+    lines += ["names:", *(f"  {i}: {_quoted(name)}" for i, name in enumerate(dataset.categories))]
     if dataset.yolo_task == "pose":
         lines.append(f"kpt_shape: [{_most_keypoints(dataset)}, 3]")
     return "\n".join(lines) + "\n"
@@ -52,7 +54,7 @@ def _lines(dataset: DatasetRecords, record: Record) -> Iterator[str]:
         category = dataset.categories.index(each["category"])
         if dataset.yolo_task == "segment":
             outlines = polygons(mask_of(each["counts"], (width, height)))
-            largest = max(outlines, key=len)  # a line of YOLO is one polygon
+            largest = max(outlines, key=area)  # a line of YOLO is one polygon
             yield _line(category, [number for x, y in largest for number in (x / width, y / height)])
             continue
         x, y, across, down = each["bbox"]
@@ -66,3 +68,9 @@ def _lines(dataset: DatasetRecords, record: Record) -> Iterator[str]:
 
 def _line(category: int, numbers: Sequence[float]) -> str:
     return " ".join([str(category), *(f"{number:.6g}" for number in numbers)])
+
+
+def _quoted(text: str) -> str:
+    """Returns a text in YAML: JSON, except that two escapes of JSON for one character are two characters in YAML."""
+    parts = (ascii_json(each)[1:-1] if ord(each) <= LAST_SHORT else f"\\U{ord(each):08x}" for each in text)
+    return f'"{"".join(parts)}"'
