@@ -14,9 +14,10 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.diff.result import CellDifference, ColumnDifference, TableDifference, UnitDifference, UnmatchedRows
-from mjrun.diff.tolerances import Tolerance, Tolerances, as_numbers, cell_text, compare_cells, finite_or_none
+from mjrun.diff.tolerances import Tolerance, Tolerances, as_number, as_numbers, cell_text, compare_cells, finite_or_none
 from mjrun.errors import FileError, clean, option
 
+SMALLEST = -1073  # exponent of the smallest float
 ENOUGH = 2**16  # the number of values to compare at a time, or a few more
 
 
@@ -241,7 +242,8 @@ def _ends(a: RowStream, b: RowStream, in_a: np.ndarray, in_b: np.ndarray, tolera
     if not last:
         return len(a), len(b)
     limit = float(min(last))
-    limit -= 2 * (tolerance.atol + tolerance.rtol * abs(limit))  # a row near a settled one must have no nearer match
+    if math.isfinite(limit):  # a row near a settled one must have no nearer match
+        limit -= 2 * (tolerance.atol + tolerance.rtol * abs(limit))
     end_a, end_b = int(np.searchsorted(a.keys, limit)), int(np.searchsorted(b.keys, limit))
     pairs_a, pairs_b = in_a[in_b < end_b], in_b[in_a < end_a]  # both rows of a pair are settled
     return max([end_a, *(pairs_a[-1:] + 1)]), max([end_b, *(pairs_b[-1:] + 1)])
@@ -261,14 +263,17 @@ def _nearest(keys: np.ndarray, others: np.ndarray) -> np.ndarray:
     """Returns the index of the nearest of `others` for each of `keys`; repeated keys get repeated ones in order."""
     after = np.minimum(np.searchsorted(others, keys), len(others) - 1)
     before = np.maximum(after - 1, 0)
-    nearest = np.where(np.abs(keys - others[before]) < np.abs(keys - others[after]), before, after)
+    with np.errstate(invalid="ignore"):  # of two infinite ones
+        nearest = np.where(np.abs(keys - others[before]) < np.abs(keys - others[after]), before, after)
     first = np.searchsorted(others, others[nearest])
     return np.minimum(first + np.arange(len(keys)) - np.searchsorted(keys, keys), len(others) - 1)
 
 
 def _near(a: np.ndarray, b: np.ndarray, tolerance: Tolerance) -> np.ndarray:
-    """Returns where keys agree; 0 agrees with −0."""
-    return np.abs(a - b) <= tolerance.atol + tolerance.rtol * np.abs(b)
+    """Returns where keys agree; 0 agrees with −0, and an infinite key only with itself."""
+    with np.errstate(invalid="ignore"):
+        near = np.abs(a - b) <= tolerance.atol + tolerance.rtol * np.abs(b)
+    return (a == b) | (near & np.isfinite(a) & np.isfinite(b))
 
 
 class KeyedRows:
@@ -321,11 +326,10 @@ def pairs_by_columns(a: KeyedRows, b: KeyedRows) -> Iterator[RowPairs]:
 
 def _text(cell: float | int | str) -> str:
     """Formats a cell of a key: the same for 3, 3.0 and the text 3, for 0 and −0, for an empty and a missing text."""
-    if isinstance(cell, str):
-        try:
-            cell = float(cell)
-        except ValueError:
-            return clean(str(cell))
+    try:
+        cell = as_number(cell)
+    except ValueError:
+        return clean(str(cell))
     if cell != cell:
         return ""
     whole = cell == int(cell) if abs(cell) < np.inf else False
@@ -344,7 +348,9 @@ class _ColumnDifferenceAccumulator:
         count = len(names)
         self._names, self._tolerances = names, tolerances
         self._rows, self._differing = 0, np.zeros(count, np.int64)
-        self._squares, self._last, self._maximum = np.zeros(count), np.zeros(count), np.zeros(count)
+        self._last, self._maximum = np.zeros(count), np.zeros(count)
+        self._squares = np.zeros(count)  # the sums of the squares, in units of 4 to the power of these exponents
+        self._exponents = np.full(count, SMALLEST)
         self._first: list[CellDifference | None] = [None] * count
         self._worst: list[CellDifference | None] = [None] * count
         self._worst_size = np.full(count, -1.0)
@@ -389,14 +395,22 @@ class _ColumnDifferenceAccumulator:
 
     def _add_differences(self, pairs: RowPairs, columns: np.ndarray, agree: np.ndarray, difference: np.ndarray) -> None:
         size = np.abs(difference)
-        with np.errstate(over="ignore"):
-            self._squares[columns] += np.einsum("ij,ij->i", size, size)
+        self._add_squares(columns, size)
         self._maximum[columns] = np.maximum(self._maximum[columns], size.max(axis=1))
         self._last[columns] = difference[:, -1]
         for index, column in enumerate(columns.tolist()):
             beyond = np.flatnonzero(~agree[index])
             if len(beyond):
                 self._add_beyond(pairs, column, beyond, size[index])
+
+    def _add_squares(self, columns: np.ndarray, size: np.ndarray) -> None:
+        """Adds the squares of differences, scaled so that they neither overflow nor vanish."""
+        largest, before = np.where(np.isfinite(size), size, 0).max(axis=1), self._exponents[columns]
+        exponents = np.maximum(np.where(largest > 0, np.frexp(largest)[1], SMALLEST), before)
+        scaled = np.ldexp(size, -exponents[:, None])
+        self._squares[columns] = np.ldexp(self._squares[columns], 2 * (before - exponents))
+        self._squares[columns] += np.einsum("ij,ij->i", scaled, scaled)
+        self._exponents[columns] = exponents
 
     def _add_beyond(self, pairs: RowPairs, column: int, beyond: np.ndarray, size: np.ndarray) -> None:
         """Adds the rows of one column that are beyond its tolerance."""
@@ -408,7 +422,7 @@ class _ColumnDifferenceAccumulator:
 
     def results(self, units: Mapping[str, str]) -> list[ColumnDifference]:
         """Returns the differences of each column."""
-        rms = np.sqrt(self._squares / max(1, self._rows))
+        rms = np.ldexp(np.sqrt(self._squares / max(1, self._rows)), self._exponents)
         return [
             ColumnDifference(
                 name=name,

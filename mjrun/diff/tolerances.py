@@ -107,7 +107,7 @@ def _compare(x: Cell, y: Cell, tolerance: Tolerance) -> tuple[bool, float]:
         return agree, 0.0 if agree else math.inf
     if isinstance(x, str) or isinstance(y, str):
         try:
-            return _compare(_number(x), _number(y), tolerance)  # .csv does not quote a text that is a number
+            return _compare(as_number(x), as_number(y), tolerance)  # .csv does not quote a text that is a number
         except ValueError:
             return False, math.inf
     if not all(isinstance(each, int) or math.isfinite(each) for each in (x, y)):
@@ -124,9 +124,12 @@ def _compare(x: Cell, y: Cell, tolerance: Tolerance) -> tuple[bool, float]:
     return abs(difference) <= limit, _float(difference)
 
 
-def _number(cell: Cell) -> float | int:
+def as_number(cell: Cell) -> float | int:
+    """Returns a cell as a number; raises ValueError if it is another text."""
     if not isinstance(cell, str):
         return cell
+    if "_" in cell:  # which Python reads as part of a number
+        raise ValueError(cell)
     try:
         return int(cell)
     except ValueError:

@@ -2,6 +2,7 @@
 
 import random
 from collections.abc import Iterator, Sequence
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -68,6 +69,15 @@ def test_differences_are_those_of_the_whole_column(
         assert (found.first.a, found.first.b) == (repr(float(a[beyond[0], 0])), repr(float(b[beyond[0], 0])))
         size = np.where(np.isnan(difference), np.inf, np.abs(difference))
         assert found.worst.row == beyond[size[beyond].argmax()]
+
+
+@pytest.mark.parametrize("scale", [1e-320, 1e-200, 1e-100, 1.0, 1e200, 1e307])
+def test_the_rms_of_the_smallest_and_the_largest_numbers_is_neither_zero_nor_infinite(scale: float) -> None:
+    differences = np.array([0.0, 1.0, 7.0, 0.5, 3.0, 4.0, 2.0, 8.0]) * scale
+    found = compare(np.zeros((8, 1)), differences[:, None]).columns[0]
+    exact = Fraction(sum(Fraction(each) ** 2 for each in differences.tolist())) / 8
+    assert found.rms is not None
+    assert float(Fraction(found.rms) ** 2 / exact) == pytest.approx(1, rel=1e-9 if scale > 1e-300 else 1e-3)
 
 
 def test_one_bit_of_one_number_is_found() -> None:
@@ -157,7 +167,7 @@ def numbers(pairs: list[RowPairs]) -> list[tuple[int, int]]:
     return found
 
 
-times = st.lists(st.sampled_from([0.0, 0.1, 0.2, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0]), max_size=14).map(sorted)
+times = st.lists(st.sampled_from([-np.inf, 0.0, 0.1, 0.2, 0.25, 0.5, 1.0, 1.5, 2.0, np.inf]), max_size=14).map(sorted)
 sizes = st.lists(st.integers(1, 4), max_size=8)
 
 
@@ -261,6 +271,13 @@ def test_rows_in_another_order_belong_together_by_their_keys(
         assert pairs.a[:, 0].tolist() == pairs.rows_a.tolist()
     assert a.unmatched.count == 0
     assert (b.unmatched.count, b.unmatched.first, b.unmatched.key) == (1, len(rows), "mass = 9, name = c")
+
+
+def test_texts_and_whole_numbers_that_only_resemble_each_other_are_different_keys() -> None:
+    rows = [(1.0, "9007199254740993"), (1.0, "9007199254740992"), (1.0, "1_0"), (1.0, "10")]
+    one, other = TextRows(rows), TextRows(rows[::-1])
+    (pairs,) = pairs_by_columns(KeyedRows(one, ["x"], ["mass", "name"]), KeyedRows(other, ["x"], ["mass", "name"]))
+    assert (pairs.rows_a.tolist(), pairs.rows_b.tolist()) == ([0, 1, 2, 3], [3, 2, 1, 0])
 
 
 def test_a_number_is_the_same_key_however_it_is_written() -> None:

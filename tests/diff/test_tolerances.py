@@ -79,6 +79,8 @@ def test_numbers_agree_as_rationals_do(x: float, y: float, atol: float, rtol: fl
         ("12", 12.0, True),
         ("9007199254740993", 9007199254740993, True),
         ("9007199254740993", 9007199254740992.0, False),
+        ("1_0", 10, False),
+        ("1_0", 10.0, False),
         ("ok", 1.0, False),
         ("ok", math.nan, False),
         (math.nan, math.nan, True),
