@@ -6,6 +6,8 @@ and last value remain: U. Jugel and others, "M4: a visualization-oriented time s
 does not grow with the number of samples, and their division into blocks has no effect.
 """
 
+import math
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -88,7 +90,7 @@ class Envelope:
     def feed(self, x: np.ndarray, y: np.ndarray) -> None:
         """Adds samples: `x` `(n,)`, finite, and `y` `(n, curves)`, NaN for a gap."""
         if self.ascends and len(x):
-            back = np.flatnonzero(np.diff(x, prepend=self._last) < 0)
+            back = np.flatnonzero(x < np.append(self._last, x[:-1]))
             first = int(back[0]) if len(back) else len(x)
             self._bins.feed(x[:first], y[:first])
             self._last = float(x[first - 1]) if first else self._last
@@ -171,10 +173,13 @@ class _Bins:
         return np.log10(x) if self._log else x
 
     def _gather(self, x: np.ndarray, y: np.ndarray) -> None:
-        index = np.floor((self._key(x) - self._start) / self._width)
-        while index[-1] >= len(self._used):
-            self._double()
-            index = np.floor(index / 2)  # exactly what the wider bin gives
+        place = self._key(x) - self._start
+        with np.errstate(over="ignore"):
+            index = np.floor(place / self._width)
+            while index[-1] >= len(self._used):
+                self._double()
+                # Half is exactly what the wider bin gives, unless it is infinite.
+                index = np.floor(index / 2 if np.isfinite(index[-1]) else place / self._width)
         starts = np.flatnonzero(np.diff(index, prepend=-1.0))
         ends = np.append(starts[1:], len(x)) - 1
         at = index[starts].astype(int)
@@ -223,7 +228,7 @@ class _Path:
         if not len(x):
             return
         if self._breaks:
-            back = np.flatnonzero(np.diff(x, prepend=self._last) < 0)
+            back = np.flatnonzero(x < np.append(self._last, x[:-1]))
             self._last = float(x[-1])
             x, y = np.insert(x, back, x[back]), np.insert(y, back, np.nan, axis=0)
         for curve, tree in enumerate(self._trees):
@@ -274,7 +279,8 @@ def _halved(groups: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _without_repetition(points: CurvePoints) -> CurvePoints:
     """Removes points that repeat the previous one, and reduces each gap to one NaN."""
     gap = np.isnan(points.y)
-    same = (np.diff(points.x, prepend=np.nan) == 0) & (np.diff(points.y, prepend=np.nan) == 0)
+    same = np.zeros(len(points.x), bool)
+    same[1:] = (points.x[1:] == points.x[:-1]) & (points.y[1:] == points.y[:-1])
     same |= gap & np.concatenate([[True], gap[:-1]])
     return CurvePoints(points.x[~same], points.y[~same])
 
@@ -314,11 +320,19 @@ def scale(
         return ParameterAxis(name, *((0.1, 10.0, True) if log else (-1.0, 1.0, False)))
     low, high, whole = float(finite.min()), float(finite.max()), are_whole(finite)
     if log:
-        ratio = (high / low) ** edge if high > low * (1 + FLAT) else 2.0
-        return ParameterAxis(name, low / ratio, high * ratio, True, whole=whole)
+        return ParameterAxis(name, *_log_ends(low, high, edge), True, whole=whole)
     largest = max(abs(low), abs(high))
     pad = edge * (high - low) if high - low > FLAT * largest else 0.1 * largest or 1.0
     return ParameterAxis(name, low - pad, high + pad, whole=whole)
+
+
+def _log_ends(low: float, high: float, edge: float) -> Range:
+    """Returns the ends of a logarithmic axis with a margin, as far as floats reach."""
+    ratio = 2.0
+    if high > low * (1 + FLAT):
+        ratio = (high / low) ** edge
+        ratio = ratio if math.isfinite(ratio) else high**edge / low**edge
+    return low / ratio or low, min(high * ratio, sys.float_info.max)
 
 
 def are_whole(values: np.ndarray) -> bool:
@@ -399,8 +413,7 @@ class DrawnFigure:
             return ParameterAxis(self.x_label, *((0.1, 1.0) if self.log_x else (0.0, 1.0)), self.log_x)
         low, high, whole = min(ends), max(ends), all(map(are_whole, values))
         if self.log_x:
-            ratio = (high / low) ** self.x_margin if high > low * (1 + FLAT) else 2.0
-            return ParameterAxis(self.x_label, low / ratio, high * ratio, True, whole=whole)
+            return ParameterAxis(self.x_label, *_log_ends(low, high, self.x_margin), True, whole=whole)
         pad = self.x_margin * (high - low) if high - low > 1e-15 * max(abs(low), abs(high)) else 0.5
         return ParameterAxis(self.x_label, low - pad, high + pad, whole=whole)
 

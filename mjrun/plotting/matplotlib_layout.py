@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import Formatter, Locator, NullFormatter, NullLocator
 
-from mjrun.errors import clean
+from mjrun.errors import UsageError, clean, option, quoted
 from mjrun.palette import Colour
 from mjrun.plotting.figure_data import DPI, POINT, PanelGrid, ParameterAxis
 from mjrun.plotting.theme import Theme
@@ -200,7 +200,16 @@ def dot_size(count: int) -> float:
 
 
 def set_scale(canvas: MatplotlibFigure, axes: Axes, name: str, scale: ParameterAxis) -> None:
-    """Sets the range and the ticks of the axis `name`, x or y, from a scale."""
+    """Sets the range and the ticks of the axis `name`, x or y, from a scale.
+
+    Raises:
+      UsageError: its ends are further apart than the largest float.
+    """
+    if not math.isfinite(scale.high - scale.low):
+        raise UsageError(
+            f"the values of {quoted(scale.name or name)} are too far apart for an axis\n"
+            f"{option(f'{name}lim')} shows those in a narrower range"
+        )
     axis = axes.xaxis if name == "x" else axes.yaxis
     axes.set(**{f"{name}scale": "log" if scale.log else "linear", f"{name}lim": (scale.low, scale.high)})
     if scale.categories:

@@ -7,6 +7,7 @@ from itertools import pairwise
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _PLAIN = (1e-4, 1e6)  # of the largest tick; beyond, powers of ten are shown
 _DIGITS = 15  # that a float has
+_LEAST = -307  # power of ten, below which floats have fewer digits
 
 
 def linear_ticks(low: float, high: float, most: float, whole: bool = False) -> list[float]:
@@ -21,7 +22,7 @@ def log_ticks(low: float, high: float, most: float) -> list[float]:
     """Returns ticks at powers of ten, and at their multiples if those are few; evenly spaced within a decade."""
     if _is_narrow(low, high):
         return linear_ticks(low, high, min(5, most))
-    first, last = math.ceil(math.log10(low) - 1e-9), math.floor(math.log10(high) + 1e-9)
+    first, last = max(_LEAST, math.ceil(math.log10(low) - 1e-9)), math.floor(math.log10(high) + 1e-9)
     stride = max(1, math.ceil((last - first + 1) / max(1, int(most))))
     factors = (1,) if last - first > 1 else (1, 2, 5)
     values = [factor * 10.0**power for power in range(first - 1, last + 1) if power % stride == 0 for factor in factors]

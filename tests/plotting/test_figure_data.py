@@ -106,6 +106,16 @@ def test_an_axis_of_what_is_the_same_or_missing_has_a_range(log: bool, values: l
     assert not axis.log or axis.low > 0
 
 
+@pytest.mark.parametrize(("low", "high"), [(1e-300, 1e300), (5e-324, 1.0), (1.0, 1.7e308), (1e-320, 1e-320)])
+def test_a_logarithmic_axis_has_finite_ends_however_far_the_values_are_apart(low: float, high: float) -> None:
+    y = scale("y", np.array([low, high]), log=True, edge=0.06)
+    curve = DrawnCurve("a", CurvePoints(np.array([low, high]), np.ones(2)), 0)
+    x = DrawnFigure("", "x", True, [DrawnPanel("a", [curve], False, [])], [], x_margin=0.06).x
+    for axis in (x, y):
+        assert 0 < axis.low <= low <= high <= axis.high < np.inf
+        assert axis.low < axis.high
+
+
 def test_categories_stand_at_whole_numbers() -> None:
     axis = scale("model", np.array([0.0, 1.0]), categories=("a", "b"), edge=0.1)
     np.testing.assert_allclose(axis.shares(np.array([0, 1])), [0.25, 0.75])
@@ -252,6 +262,14 @@ def test_a_jump_of_x_costs_bins_but_no_extremes() -> None:
     x = np.concatenate([np.arange(1000.0), 1e9 + np.arange(1000.0)])
     y = walk(2000, 1)
     (points,) = envelope(x, y)
+    assert (points.y.min(), points.y.max()) == (y.min(), y.max())
+
+
+def test_x_that_grows_beyond_all_proportion_is_drawn() -> None:
+    x = np.concatenate([np.full(300, 1e-300), [1.0, 2.0]])
+    y = walk(302, 1)
+    (points,) = envelope(x, y)
+    assert (points.x[0], points.x[-1]) == (1e-300, 2.0)
     assert (points.y.min(), points.y.max()) == (y.min(), y.max())
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mjrun.errors import UnknownNameError
+from mjrun.errors import UnknownNameError, UsageError
 from mjrun.plotting.table_and_study_plot import TablePlot
 from mjrun.plotting.table_figure import Figure, Table, read_table
 
@@ -50,3 +50,15 @@ def test_wrong_names_are_refused() -> None:
     with pytest.raises(TypeError, match=re.escape("plot: unknown option 'titel' (did you mean 'title'?)")):
         TABLE.plot(titel="x")
     assert isinstance(TABLE.plot(title="x", size=(640, 480)), Figure)
+
+
+@pytest.mark.parametrize(
+    ("options", "axis"), [({}, "ylim"), ({"ylim": "-1.7e308..1.7e308"}, "ylim"), ({"x": "a"}, "xlim")]
+)
+def test_values_too_far_apart_for_an_axis_are_refused_with_the_option_that_limits_it(
+    options: dict[str, str], axis: str
+) -> None:
+    values = {"time": np.arange(3.0), "a": np.array([-1.7e308, 1.7e308, 0]), "b": np.arange(3.0)}
+    chosen = {"y": "b" if "x" in options else "a", **options}
+    with pytest.raises(UsageError, match=f"too far apart.*\n.*{axis}"):
+        _ = Table(values, dict.fromkeys(values, "")).plot(**chosen).svg
