@@ -16,6 +16,7 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import MjrunError
 from mjrun.model.override import PARTIAL, Override, elements_at, relative_values
+from mjrun.model.source import LONGEST
 
 VECTORS = ("gravity", "wind", "magnetic")
 OPTIONS = ("timestep", "density", "viscosity", "impratio", "tolerance", "ls_tolerance", "noslip_tolerance")
@@ -67,7 +68,7 @@ class CompilerCopiedFields:
                 rows[place.array] = np.union1d(rows[place.array], place.rows)
             values = changed[place.array]
             new = new_values(values[place.rows], override)
-            if new is None:
+            if new is None or (place.array == "opt.timestep" and not (new <= LONGEST).all()):
                 return None
             values[place.rows] = new
         return {array: (rows[array], values[rows[array]]) for array, values in changed.items()}

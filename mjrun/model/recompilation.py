@@ -41,6 +41,7 @@ NO_CONTACTS = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
 SLEEP = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
 PLANE, HFIELD = int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD)
 FAR, SMALL = 1e10, 1e-5  # of the compiler [m]
+LEAST_SIZE = 1e-5  # [m] of a geom; where its volume vanishes, MuJoCo keeps the mass of an earlier compilation
 CHECKED = ("dof_M0", "dof_invweight0", "body_invweight0", "actuator_acc0", "tendon_invweight0")
 
 
@@ -80,7 +81,7 @@ class Recompiler:
                 model = spec.compile()
         except (MjrunError, *FAULTS):  # the compilation of the source raises it again, with the line
             return None
-        return model if self._fits(model) else None
+        return model if self._fits(model) and not _may_vanish(model, overrides) else None
 
     def write(self, source: mujoco.MjModel, target: mujoco.MjModel) -> None:
         """Writes the numbers of a model over another, except its options."""
@@ -133,6 +134,13 @@ class Recompiler:
             for one, other in zip(self._values(compiled), self._values(model), strict=True)
         )
         return small if is_same else spec
+
+
+def _may_vanish(model: mujoco.MjModel, overrides: Sequence[Override]) -> bool:
+    """Returns whether overrides of sizes leave geoms so small that their volumes may vanish."""
+    if not any(override.target.startswith("geom/") and override.target.endswith(".size") for override in overrides):
+        return False
+    return bool(((model.geom_size != 0) & (model.geom_size < LEAST_SIZE)).any())
 
 
 def may_be_recompiled(override: Override) -> bool:
@@ -256,7 +264,7 @@ class _Part:
             compiled = self._compiled(overrides)
         except (MjrunError, *FAULTS):
             return None
-        if self._structure_of(compiled) != self._structure:
+        if self._structure_of(compiled) != self._structure or _may_vanish(compiled, overrides):
             return None
         changed = dict[str, Rows]()
         for name, first, values in zip(self._names, self._first, self._values(compiled), strict=True):

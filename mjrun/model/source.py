@@ -335,7 +335,8 @@ def compile_spec(
             raise broken_model(path, error, f"with {spelled_overrides}" if overrides else "", advice) from error
 
     if any(override.target == "opt.timestep" for override in overrides) and not _is_timestep(model.opt.timestep):
-        raise BadValueError(option("timestep"), f"{model.opt.timestep:g}", "a positive number of seconds")
+        expected = f"a positive number of seconds, at most {LONGEST:g}"
+        raise BadValueError(option("timestep"), f"{model.opt.timestep:g}", expected)
     check_model(model, path, f"{option('timestep')} overrides it")
     return spec, model
 

@@ -2,6 +2,7 @@
 
 import copy
 import gc
+import re
 import tracemalloc
 from functools import cache
 from pathlib import Path
@@ -161,6 +162,22 @@ def test_an_unknown_name_is_reported_as_by_a_compilation(tmp_path: Path) -> None
     with pytest.raises(UnknownNameError) as caught:
         shared.load(parse_source(source(tmp_path), [Override("geom/tup.friction", "1")]))
     assert "tip" in str(caught.value)
+
+
+@pytest.mark.parametrize(("path", "value"), [("opt.timestep", "1e13"), ("geom/g.size", "1e-6")])
+def test_what_a_compilation_refuses_is_refused_for_variants_too(tmp_path: Path, path: str, value: str) -> None:
+    file = tmp_path / "model.xml"
+    file.write_text("""<mujoco><worldbody><body name="b"><freejoint/><geom name="g" size=".1" mass="2"/></body>
+      <body name="c" pos="1 0 0"><freejoint/><geom size=".1"/></body>
+      <body name="d" pos="2 0 0"><freejoint/><geom size=".1"/></body></worldbody></mujoco>""")
+    loader, bare = VariantLoader(), FileSource(file)
+    for each in ("0.2", "0.3", "0.4"):
+        loader.load(bare.with_overrides([Override(path, each)]))
+    refused = bare.with_overrides([Override(path, value)])
+    with pytest.raises(MjrunError) as error:
+        refused.load()
+    with pytest.raises(type(error.value), match=re.escape(str(error.value))):
+        loader.load(refused)
 
 
 def test_compiled_models_are_shared_as_they_are(tmp_path: Path) -> None:
