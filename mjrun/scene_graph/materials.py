@@ -156,8 +156,9 @@ def cube_mapped(mesh: Mesh, scale: np.ndarray, size: int) -> Mesh:
     axis = np.abs(middle).argmax(axis=1)
     face = 2 * axis + (np.take_along_axis(middle, axis[:, None], axis=1)[:, 0] < 0)
     vertices = np.concatenate([corners, np.broadcast_to(face[:, None, None], (*corners.shape[:2], 1))], axis=2)
-    vertices = vertices.reshape(-1, 7).round(6)
-    first, inverse = unique_rows(vertices)
+    vertices = vertices.reshape(-1, 7)
+    units = np.array([max(float(np.abs(mesh.positions).max(initial=0)), np.finfo(float).tiny)] * 3 + [1.0] * 4)
+    first, inverse = unique_rows((vertices / units).round(6))  # the same corner, but for rounding
     vertices = vertices[first]
     positions, normals, face = vertices[:, :3], vertices[:, 3:6], vertices[:, 6].astype(int)
     faces = inverse.reshape(-1, 3)

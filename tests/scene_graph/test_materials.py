@@ -1,5 +1,7 @@
 """Theorems about materials and textures: what a texture shows at a point is what MuJoCo shows there."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -102,6 +104,16 @@ def test_cutting_keeps_the_surface_and_puts_each_triangle_on_one_face() -> None:
     whole = 16 + 2 * PADDING
     cells = np.floor(made.uv * (3 * whole, 2 * whole) / whole - 1e-6).astype(int)[made.faces]
     assert (cells == cells[:, :1]).all()
+
+
+@pytest.mark.parametrize("scale", [1e-5, 1.0, 1e5])
+def test_cutting_keeps_meshes_of_any_size(scale: float) -> None:
+    ball = meshes.sphere(24, 12)
+    mesh = cube_mapped(replace(ball, positions=(ball.positions * scale).astype(np.float32)), np.ones(3), 16)
+    radii = np.linalg.norm(mesh.positions.astype(float)[mesh.faces], axis=2) / scale
+    whole = np.linalg.norm(cube_mapped(ball, np.ones(3), 16).positions, axis=1)
+    assert len(mesh.positions) == len(whole)
+    assert (radii.min(), radii.max()) == pytest.approx((whole.min(), whole.max()), rel=1e-5)
 
 
 def test_a_texture_is_made_once() -> None:
