@@ -338,7 +338,15 @@ def parse_template(text: str, columns: Sequence[str]) -> OverlayText:
             f"{option('text')} {quoted(text)}: {error}\nwrite a value as {{time:.2f}} and a brace as {{{{"
         ) from None
     valid = [*BUILTIN, *columns]
-    return OverlayText([_part(literal, name, form, valid) for literal, name, form, _ in parsed])
+    return OverlayText([_part(literal, name, form, valid) for literal, name, form in map(_unconverted, parsed)])
+
+
+def _unconverted(
+    part: tuple[str, str | None, str | None, str | None],
+) -> tuple[str, str | None, str | None]:
+    """Returns a part of a format whose name holds what Python takes for a conversion, as in `qpos/a!r`."""
+    literal, name, form, conversion = part
+    return literal, f"{name}!{conversion}" if conversion else name, form
 
 
 def _part(literal: str, name: str | None, form: str | None, valid: Sequence[str]) -> OverlayTextPart:

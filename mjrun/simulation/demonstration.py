@@ -1,5 +1,6 @@
 """A demonstration to replay: its motion, its actions, and how far poses differ from those recorded with it."""
 
+import math
 import re
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
@@ -28,7 +29,7 @@ HANDS = {"ee_pos": ("0", "")}  # those of LIBERO
 POSITION = re.compile(r"(\w+)_pos")  # observations of an object
 UNEVEN = 0.01  # share of the time between two states by which others may differ
 SUCCESS = 1.0  # reward of a completed task
-DENOMINATOR = 1000  # of a rate [Hz]
+DENOMINATOR = 1000  # of a rate [Hz], or of the time between states if that is more than a second
 
 
 def names_demonstration(path: Path) -> bool:
@@ -201,6 +202,8 @@ class DemonstratedEpisode:
                 f"{clean(self.source)}: state {row + 1} is {gaps[row]:.6g} s after the one before, and others "
                 f"{usual:.6g} s; a dataset has a constant rate"
             )
+        if usual > 1:
+            return 1 / Fraction(usual).limit_denominator(DENOMINATOR)
         return Fraction(1 / usual).limit_denominator(DENOMINATOR)
 
     def steps(self, timestep: Fraction) -> list[int]:
@@ -223,7 +226,7 @@ def read_demonstration(text: str | Path, rate: Fraction | None = None) -> Demons
         times, actions, origin = file.states(name)[:, 0], file.array(name, "actions"), file.origin(name)
         rewards = file.array(name, "rewards") if "rewards" in file.datasets(name) else None
     source = f"{path}:{name}"
-    actions = actions.reshape(len(actions), -1) if actions.ndim else actions
+    actions = actions.reshape(len(actions), math.prod(actions.shape[1:])) if actions.ndim else actions
     for what, values in (("actions", actions), ("rewards", rewards)):
         if values is not None and (values.shape[:1] != times.shape or not np.isfinite(values).all()):
             reason = f"its {what} have the shape {values.shape}, and its states {times.shape}"

@@ -150,6 +150,7 @@ def test_a_template_names_each_column_once_and_no_value_of_its_own() -> None:
     [
         ("{qpos/nee}", UnknownNameError, "no value 'qpos/nee'.*did you mean 'qpos/knee'"),
         ("{}", UnknownNameError, "no value ''"),
+        ("{time!r}", UnknownNameError, "no value 'time!r'"),
         ("{time", UsageError, "write a value as {time:.2f} and a brace as {{"),
         ("time}", UsageError, "a brace as {{"),
         ("{time:d}", UsageError, "'d' cannot format 'time'"),

@@ -1,5 +1,6 @@
 """Demonstrations as states and actions."""
 
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -50,6 +51,7 @@ def test_a_simulation_has_the_demonstration_that_it_replays(file: Path) -> None:
     ("name", "values", "message"),
     [
         ("actions", np.zeros((4, 7)), r"d.hdf5:demo_1: its actions have the shape \(4, 7\), and its states \(5,\)"),
+        ("actions", np.zeros((0, 7)), r"its actions have the shape \(0, 7\)"),
         ("actions", np.array(3.0), r"its actions have the shape \(\)"),
         ("actions", np.full((5, 7), np.nan), "its actions are not all finite"),
         ("rewards", np.zeros(6), r"its rewards have the shape \(6,\)"),
@@ -87,3 +89,9 @@ def test_each_point_of_a_study_replays_the_demonstration_of_its_model(tmp_path: 
         simulation, vary=[("model", f"{path}:demo_1,{path}:demo_2")], metric=[("end", "last(time)")], jobs=1
     )
     np.testing.assert_allclose(study.table["end"], [0.2, 0.15])
+
+
+def test_states_far_apart_have_an_exact_rate(file: Path) -> None:
+    demonstration = read_demonstration(f"{file}:demo_1")
+    slow = replace(demonstration, times=3000.0 * np.arange(len(demonstration.times)))
+    assert slow.rate == Fraction(1, 3000)
