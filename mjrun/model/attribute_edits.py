@@ -114,7 +114,7 @@ def _of_element(
     if attribute in holder.attributes:
         return AttributeChange(holder, attribute, _text(written_values, holder.attributes[attribute], override))
     default = default_holder(element, attribute)
-    if default is not None:
+    if default is not None and (default.tag == element.tag or not is_gain):
         # All kinds of actuators share their defaults, but not their gains.
         others = [
             each for each in written if attribute not in each.attributes and (each.tag == element.tag or not is_gain)

@@ -106,6 +106,19 @@ def test_actuators_keep_their_other_parameters_and_those_of_other_kinds(
     assert changed_line.endswith(line)
 
 
+def test_gains_of_a_servo_are_not_written_into_the_default_of_another_kind(tmp_path: Path) -> None:
+    file = tmp_path / "model.xml"
+    file.write_text("""<mujoco>
+      <default><position kp="3" kv="1"/></default>
+      <worldbody><body><joint name="h"/><geom size=".1"/></body></worldbody>
+      <actuator>
+        <position name="servo" joint="h"/>
+        <velocity name="speed" joint="h"/>
+      </actuator></mujoco>""")
+    _, lines = changed(file, ("actuator/speed.gainprm[0]", "7"), ("actuator/speed.biasprm[2]", "-7"))
+    assert lines == ['<velocity name="speed" joint="h" kv="7.0"/>']
+
+
 @cases("path, message")
 def test_what_is_no_attribute_is_refused(model: Path, path: str, message: str) -> None:
     with pytest.raises(UsageError, match=message):
