@@ -43,7 +43,7 @@ from mjrun.options.report import PageOptions
 from mjrun.options.schema_validation import InvalidValueError, Schema, SchemaViolationCollector, SchemaViolationError
 from mjrun.options.simulation import CodeOptions, SimulationOptions
 from mjrun.options.structured_kinds import OptionsMappingKind
-from mjrun.options.sweep import MANIFEST, PLANS
+from mjrun.options.sweep import MANIFEST, MOST_POINTS, PLANS
 from mjrun.study.job_plan import SCHEMA, JobPlan
 from mjrun.study.study import Study
 from mjrun.suffixes import is_url
@@ -262,7 +262,8 @@ def _line(path: str, number: int, text: bytes) -> _PlannedStudy:
         raise document_error([DocumentFault(mark, "", f"not JSON: {clean(str(error))}")]) from None
     line = _read(LINE, value, tree, ReadingContext())
     ends = [end for each in line.ranges for end in each]
-    if any(one >= other for one, other in pairwise([-1, *ends])) or any(len(each) != 2 for each in line.ranges):
+    is_ascending = all(one < other for one, other in pairwise([-1, *ends, MOST_POINTS + 1]))
+    if not is_ascending or any(len(each) != 2 for each in line.ranges):
         raise document_error(
             [DocumentFault(mark, "ranges", "expected ascending pairs: the first point, that after the last")]
         )

@@ -584,11 +584,16 @@ def read_points(path: str) -> Design:
     with opened(Path(path), "table of points", [".csv"]) as file:
         text = io.TextIOWrapper(file, encoding="utf-8-sig", newline="")
         with decoding(Path(path), "cannot be read as CSV text in UTF-8"):  # whose cells may be too long
-            rows = [[cell.strip() for cell in row] for row in csv.reader(text, skipinitialspace=True) if row]
+            numbered = [
+                (number, [cell.strip() for cell in row])
+                for number, row in enumerate(csv.reader(text, skipinitialspace=True), 1)
+                if row
+            ]
+    rows = [row for _, row in numbered]
     if len(rows) < 2 or len(set(rows[0])) < len(rows[0]) or not all(rows[0]):
         reason = "a table of points has a header that names each parameter once, and a row for each point"
         raise FileError(path, reason)
-    for number, row in enumerate(rows[1:], 2):
+    for number, row in numbered[1:]:
         if len(row) != len(rows[0]):
             raise FileError(path, f"row {number} does not have one value for each of the {len(rows[0])} columns")
         if not all(row):

@@ -92,16 +92,17 @@ def control_room(model: mujoco.MjModel, controls: Floats) -> tuple[Floats, Float
     return middle, reach
 
 
-def _range(model: mujoco.MjModel, index: int) -> tuple[float, float] | None:
-    if model.actuator_ctrllimited[index]:
-        low, high = model.actuator_ctrlrange[index].tolist()
+def _range(model: mujoco.MjModel, control: int) -> tuple[float, float] | None:
+    if model.actuator_ctrllimited[control]:
+        low, high = model.actuator_ctrlrange[control].tolist()
         return low, high
+    index = int(np.searchsorted(model.actuator_ctrladr, control, side="right")) - 1  # of the actuator
     joint = int(model.actuator_trnid[index, 0])
     is_of_joint = model.actuator_trntype[index] == mujoco.mjtTrn.mjTRN_JOINT
     is_servo = model.actuator_biasprm[index, 1] == -model.actuator_gainprm[index, 0] != 0
     if not (is_of_joint and is_servo and model.jnt_limited[joint]):
         return None
-    low, high = sorted((model.jnt_range[joint] * model.actuator_gear[index, 0]).tolist())
+    low, high = sorted((model.jnt_range[joint] * model.actuator_gear[model.actuator_outadr[index], 0]).tolist())
     return low, high
 
 

@@ -238,7 +238,7 @@ class _Comparison:
         model = self._model
         for each in self._worlds.actions.driven:
             actuator = each.actuator(model)
-            gear, gain = model.actuator_gear[actuator, 0], model.actuator_gainprm[actuator, 0]
+            gear, gain = each.gear(model), model.actuator_gainprm[actuator, 0]
             kind, stiffness, damping = model.actuator_biastype[actuator], *-model.actuator_biasprm[actuator, 1:3]
             is_fixed = model.actuator_gaintype[actuator] == mujoco.mjtGain.mjGAIN_FIXED
             if each.target != CONTROL or not is_fixed or not gear:

@@ -37,7 +37,11 @@ class DrivenActuator:
     def strength(self, model: mujoco.MjModel) -> float:
         """Returns the force or torque on the joint per unit of the control."""
         actuator = self.actuator(model)
-        return float(model.actuator_gear[actuator, 0] * model.actuator_gainprm[actuator, 0])
+        return float(self.gear(model) * model.actuator_gainprm[actuator, 0])
+
+    def gear(self, model: mujoco.MjModel) -> float:
+        """Returns the gear of the actuator, of which another one may have several."""
+        return float(model.actuator_gear[model.actuator_outadr[self.actuator(model)], 0])
 
 
 class ActionMap:
@@ -202,7 +206,7 @@ def _require_motor(model: mujoco.MjModel, driven: DrivenActuator) -> None:
         int(model.actuator_gaintype[actuator]) == int(mujoco.mjtGain.mjGAIN_FIXED)
         and int(model.actuator_biastype[actuator]) == int(mujoco.mjtBias.mjBIAS_NONE)
         and int(model.actuator_dyntype[actuator]) == int(mujoco.mjtDyn.mjDYN_NONE)
-        and model.actuator_gainprm[actuator, 0] * model.actuator_gear[actuator, 0] != 0
+        and driven.strength(model) != 0
     )
     if not is_motor:
         motor = quoted(names(model, "actuator")[actuator])

@@ -177,6 +177,7 @@ def test_points_that_cannot_be_are_refused(options: Any, expected: str) -> None:
         (b"a.x\n", "a table of points has a header"),
         (b"a.x,a.x\n1,2\n", "a table of points has a header"),
         (b"a.x,a.y\n1\n", "row 2 does not have one value for each of the 2 columns"),
+        (b"a.x,a.y\n\n1,2\n\n1\n", "row 5 does not have one value for each of the 2 columns"),
         (b"a.x,a.y,b.x\n1,,\n", "row 2 has no value of a.y, b.x\neach column is a parameter$"),
         (b"PAR1\x15\x04\x15\n\xff\n", "cannot be read as CSV text in UTF-8"),
     ],

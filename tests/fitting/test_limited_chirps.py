@@ -99,3 +99,13 @@ def test_without_a_speed_limit_any_speed_will_do() -> None:
     rows = np.zeros((5, 6))
     rows[:, 2:4] = 1e3
     assert limits.violation(rows) is None
+
+
+def test_the_room_of_a_servo_is_that_of_its_joint_after_an_actuator_with_several_controls() -> None:
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><worldbody><body><joint name="ball" type="ball" range="0 1"/><geom size=".1"/></body>
+        <body pos="1 0 0"><joint name="j" range="-30 90"/><geom size=".1"/></body></worldbody><actuator>
+        <orientation joint="ball" ctrlrange="-1 1"/><position joint="j" gear="2"/></actuator></mujoco>"""
+    )
+    middle, reach = control_room(model, np.full(model.nu, 10.0))
+    assert (middle[-1], reach[-1]) == pytest.approx((np.pi / 3, 2 * np.pi / 3))

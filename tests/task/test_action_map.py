@@ -87,3 +87,17 @@ def test_what_does_not_fit_is_told_where_it_stands(action: Action, message: str,
 def test_an_actuator_is_driven_once() -> None:
     with pytest.raises(UsageError, match="driven twice"):
         ActionMap([Action(actuators="*"), Action(joints="hip", target="torque")], MODEL)
+
+
+def test_a_torque_is_that_of_the_joint_after_an_actuator_with_several_gears() -> None:
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><worldbody><body><joint name="ball" type="ball"/><geom size=".1"/></body>
+        <body pos="1 0 0"><joint name="hinge"/><geom size=".1"/></body></worldbody><actuator>
+        <orientation name="turn" joint="ball"/><motor name="push" joint="hinge" gear="4"/></actuator></mujoco>"""
+    )
+    torques = TargetTorques(ActionMap([Action(joints="hinge", target="torque")], model), model, 1)
+    torques.begin(0, model)
+    data = mujoco.MjData(model)
+    torques.apply(np.array([[1.5]]), data.ctrl[None], slice(None))
+    mujoco.mj_forward(model, data)
+    assert data.joint("hinge").qfrc_actuator == pytest.approx(1.5)

@@ -185,7 +185,7 @@ def _servos(model: mujoco.MjModel) -> Iterator[_Servo]:
         if model.actuator_gaintype[i] != FIXED or model.actuator_biastype[i] != AFFINE:
             continue
         bias, kp, kv = model.actuator_biasprm[i, :3] * (1, -1, -1)
-        gear, gain = float(model.actuator_gear[i, 0]), float(model.actuator_gainprm[i, 0])
+        gear, gain = float(model.actuator_gear[model.actuator_outadr[i], 0]), float(model.actuator_gainprm[i, 0])
         control = int(model.actuator_ctrladr[i])
         limits = tuple[float, ...]()
         if kp * gear * gain and model.actuator_ctrlnum[i] == 1 and model.actuator_ctrllimited[control]:
@@ -351,7 +351,7 @@ def _actuator_differences(context: CheckContext, left: int, right: int) -> Itera
     drives = [actuators_of(model, joint) for joint in (left, right)]
     for one, other in zip(*drives, strict=False) if len(drives[0]) == len(drives[1]) else ():
         name = clean(context.name("actuator", one))
-        gears = model.actuator_gear[[one, other], 0]
+        gears = model.actuator_gear[model.actuator_outadr[[one, other]], 0]
         if _difference(*abs(gears)) > limits.side_force:
             yield f"gears of {name}, {gears[0]:.4g} and {gears[1]:.4g}"
         elif gears[0] * gears[1] < 0 and _counts_alike(model, left, right):
