@@ -105,6 +105,11 @@ def test_chains_are_read_up_to_a_length_at_which_mujoco_is_safe(tmp_path: Path) 
             '<worldbody><flexcomp name="f" type="grid" count="256 256 1" spacing="1 1 1"/></worldbody>',
             "flexcomp has 65536 points",
         ),
+        (f'<worldbody><flexcomp name="f" type="grid" count="{"1e300 " * 20}"/></worldbody>', "flexcomp has"),
+        (
+            '<worldbody><replicate count="1e6"><replicate count="1e308"><site/></replicate></replicate></worldbody>',
+            "replicate makes 1e",
+        ),
     ],
 )
 def test_counts_that_take_hours_are_refused(tmp_path: Path, text: str, said: str) -> None:

@@ -56,6 +56,7 @@ MOST_KEYFRAMES = 20_000  # allocated by nkey: MuJoCo compares the name of each w
 MOST_POINTS = 32_000  # of a flexcomp: MuJoCo compares each with all others
 MOST_LINKS = 1000  # in a chain of a URDF: MuJoCo compares all joints; 2,000 links take 15 s, 3,000 a minute
 MOST_COPIES = 1_000_000  # made by <replicate>: more take MuJoCo minutes and gigabytes
+LARGEST = 10**15  # larger counts are as excessive, and cannot always be written
 NESTED = (b"<include", b"<model", b"nkey", b"<flexcomp", b"<replicate")
 
 
@@ -354,7 +355,7 @@ def _check_counts(tag: _Tag) -> None:
     if tag.tag == "flexcomp":
         points = 1
         for count in tag.attributes.get("count", "").split():
-            points *= max(1, _whole(count))
+            points = min(points * max(1, _whole(count)), LARGEST)
         if points > MOST_POINTS:
             what = f"flexcomp has {points} points; MuJoCo needs hours for more than {MOST_POINTS}"
             raise _broken(tag, what, "lower its count")
@@ -362,7 +363,7 @@ def _check_counts(tag: _Tag) -> None:
 
 def _whole(text: str) -> int:
     try:
-        return int(float(text))
+        return min(int(float(text)), LARGEST)
     except (ValueError, OverflowError):
         return 0
 

@@ -268,9 +268,12 @@ def _settings(query: str, name: str, spec: "EnvSpec") -> dict[str, Any]:
     from gymnasium.envs.registration import load_env_creator
 
     try:
-        texts = dict(parse_qsl(query, keep_blank_values=True, strict_parsing=True))
+        pairs = parse_qsl(query, keep_blank_values=True, strict_parsing=True)
     except ValueError:
         raise UsageError(f"gym:{clean(name)}: settings are written ?NAME=VALUE&NAME=VALUE") from None
+    texts = dict(pairs)
+    if len(texts) < len(pairs):
+        raise UsageError(f"gym:{clean(name)}: write each setting once")
     point = spec.entry_point
     signature = inspect.signature(load_env_creator(point) if isinstance(point, str) else cast(Any, point))
     named = [parameter.name for parameter in signature.parameters.values() if parameter.kind in NAMED]
