@@ -100,7 +100,8 @@ def _free_camera(model: mujoco.MjModel) -> tuple[float, ...]:
     """Returns the numbers of the free camera, which follow from the statistics and visual settings of the model."""
     camera = mujoco.MjvCamera()
     mujoco.mjv_defaultFreeCamera(model, camera)
-    lens = model.vis.global_.fovy, camera.orthographic, model.stat.extent
+    distances = model.vis.map.znear, model.vis.map.zfar
+    lens = model.vis.global_.fovy, camera.orthographic, model.stat.extent, *distances
     return *camera.lookat, camera.distance, camera.azimuth, camera.elevation, *lens
 
 

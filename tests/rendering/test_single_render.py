@@ -108,6 +108,17 @@ def test_a_changed_free_camera_takes_effect(camera: str) -> None:
     np.testing.assert_array_equal(changed, mjrun.render(other, moved(other), camera, SIZE))
 
 
+@pytest.mark.parametrize("setting", ["znear", "zfar"])
+def test_changed_clipping_planes_take_effect(setting: str) -> None:
+    model = mujoco.MjModel.from_xml_string(XML)
+    before = mjrun.render(model, moved(model), "free", SIZE, "depth")
+    setattr(model.vis.map, setting, {"znear": 1.0, "zfar": 1.3}[setting])
+    changed = mjrun.render(model, moved(model), "free", SIZE, "depth")
+    other = copy.copy(model)
+    assert not np.array_equal(changed, before)
+    np.testing.assert_array_equal(changed, mjrun.render(other, moved(other), "free", SIZE, "depth"))
+
+
 @pytest.mark.parametrize("setting", ["fogend", "shadowscale", "castshadow", "numslices"])
 def test_changed_visual_settings_take_effect_also_where_opengl_keeps_them(setting: str) -> None:
     text = XML.replace('pos="0 0 4"', 'pos="1 1 4" dir="-.2 -.2 -1" castshadow="false"').replace(
