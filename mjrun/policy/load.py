@@ -324,8 +324,8 @@ def _vec_normalize(path: Path) -> dict[str, object] | None:
 def _statistics(values: dict[str, object], path: Path) -> NormalizationStatistics:
     try:
         mean, var = (np.asarray(values[name], np.float64) for name in ("mean", "var"))
-        epsilon, clip = (float(cast("float", values[name])) for name in ("epsilon", "clip"))
-    except (KeyError, TypeError, ValueError) as error:
+        epsilon, clip = (np.asarray(values[name], np.float64).item() for name in ("epsilon", "clip"))
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise FileError(path, "lacks statistics: mean, var, epsilon and clip") from error
     fits = mean.ndim == 1 and mean.shape == var.shape and len(mean) > 0
     if not fits or not (np.isfinite(mean).all() and np.isfinite(var).all() and (var + epsilon > 0).all() and clip > 0):

@@ -208,3 +208,14 @@ def test_what_is_damaged_is_refused(tmp_path: Path, content: bytes) -> None:
     path.write_bytes(content)
     with pytest.raises(FileError, match=r"a.pkl: is not a pickle, or is damaged"):
         read_inert(path)
+
+
+def test_settings_of_vec_normalize_may_be_numbers_of_numpy_and_must_be_floats(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "a.pkl"
+    statistics = read_statistics(vec_normalize(path, monkeypatch, epsilon=np.float64(1e-6), clip_obs=np.float32(5)))
+    assert statistics is not None
+    assert (statistics.epsilon, statistics.clip) == (1e-6, 5)
+    with pytest.raises(FileError, match="lacks statistics"):
+        read_statistics(vec_normalize(path, monkeypatch, epsilon=10**400))
