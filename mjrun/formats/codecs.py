@@ -138,7 +138,7 @@ LOSSLESS = ("h264rgb", "ffv1", "apng", "png", "raw")
 EXACT = ("ffv1-gray16", "png-gray16")
 CONTENT_NAMES = {"ids": "the colours of a segmentation without loss", "exact": "numbers of 16 bits"}
 CONTENTS = {"video": tuple(codec for codec in CODECS if codec not in EXACT), "ids": LOSSLESS, "exact": EXACT}
-WEBP_FPS = 100  # readers ignore shorter delays
+WEBP_FPS = 90  # readers take delays of 10 ms or less for 100 ms
 SLOWEST, FASTEST = Fraction(1, 1000), 1_000_000  # frames per second that ffmpeg and every container support
 
 
@@ -175,7 +175,9 @@ class VideoEncoding:
         if not SLOWEST <= fps <= FASTEST:
             raise BadValueError(option("fps"), f"{float(fps):g}", f"between {float(SLOWEST):g} and {FASTEST:,}")
         if self.format == "webp" and fps > WEBP_FPS:
-            raise BadValueError(option("fps"), fps, f"possible in a WebP, whose frames last 10 ms or more: {WEBP_FPS}")
+            raise BadValueError(
+                option("fps"), fps, f"possible in a WebP, whose frames last 11 ms or more: at most {WEBP_FPS}"
+            )
         if self.format == "gif" and ((100 / fps).denominator != 1 or fps > 50):
             raise BadValueError(
                 option("fps"), fps, "possible in a GIF, whose delays are hundredths: 50, 100/3, 25, 20, 10"

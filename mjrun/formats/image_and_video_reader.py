@@ -7,7 +7,7 @@ import contextlib
 import math
 import traceback
 import warnings
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -118,6 +118,9 @@ def _exr(path: Path) -> np.ndarray:
 
 ANIMATIONS = (".gif", ".apng", ".webp")  # read by Pillow, which knows how long each frame lasts
 RAW = ".rgb"  # pixels only: the file does not hold their size
+SEVERAL = 1.5  # duration of a frame that stands for several, relative to the shortest one
+ROUNDED = 1.0  # largest difference of the errors of times [ms]
+USUAL_RATES = (*range(1, 101), 24000 / 1001, 30000 / 1001, 60000 / 1001)  # frames per second
 BYTES_OF_PIXEL = 3  # of a decoded frame, at most
 
 
@@ -138,8 +141,8 @@ class VideoReader:
     `(height, width)` for a video of 16-bit numbers.
 
     Attributes:
-      fps: frames per second, as the file states. Frames of an animation that last longer than its shortest one are
-        repeated.
+      fps: frames per second, as the file states. Frames of an animation that last several times as long as its
+        shortest ones are repeated.
       size: width and height [pixels].
     """
 
@@ -214,10 +217,10 @@ class VideoReader:
                 frame.load()  # sets the duration
                 durations.append(float(frame.info.get("duration", 0)))
             size = file.size
-        shortest = min(durations)
-        if shortest <= 0:
+        if min(durations) <= 0:
             raise ValueError("a frame has no duration")
-        self._repeats = [round(duration / shortest) for duration in durations]
+        period = _period(durations)
+        self._repeats = [round(duration / period) for duration in durations]
         return 1000 * sum(self._repeats) / sum(durations), size
 
     @contextlib.contextmanager
@@ -230,3 +233,21 @@ class VideoReader:
                 with warnings.catch_warnings(action="ignore"):
                     traceback.clear_frames(error.__cause__.__traceback__)
             raise
+
+
+def _period(durations: Sequence[float]) -> float:
+    """Returns the time from one frame to the next [ms] of an animation, whose long frames stand for several equal ones.
+
+    Files round times to milliseconds, too roughly to count the frames of a long rest. If all times are those of a usual
+    rate, it is meant.
+    """
+    short = [duration for duration in durations if duration < SEVERAL * min(durations)]
+    mean = sum(short) / len(short)
+    starts = np.cumsum([0, *durations[:-1]])
+
+    def explains(period: float) -> bool:
+        counts = np.cumsum([0, *(round(duration / period) for duration in durations[:-1])])
+        return bool(np.ptp(counts * period - starts) <= ROUNDED)
+
+    near = (1000 / rate for rate in USUAL_RATES if abs(1000 / rate - mean) < ROUNDED)
+    return min(filter(explains, near), key=lambda period: abs(period - mean), default=mean)

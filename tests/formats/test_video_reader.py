@@ -3,6 +3,7 @@
 import os
 import tracemalloc
 from collections.abc import Callable
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -113,3 +114,15 @@ def test_a_video_that_is_cut_off_is_refused_or_ends_early(tmp_path: Path) -> Non
         assert len(read_video(tmp_path / "f.mkv").frames) < 8
     except FileError as error:
         assert "cannot be read as .mkv" in str(error)  # noqa: PT017
+
+
+@pytest.mark.parametrize("rest", [1, 10, 100, 300])
+@pytest.mark.parametrize("fps", ["12", "24", "30", "30000/1001", "60", "90"])
+def test_a_webp_has_as_many_frames_as_were_written_however_long_it_rests(tmp_path: Path, fps: str, rest: int) -> None:
+    greys = [*range(0, 120, 20), *[120] * rest, *range(140, 220, 20)]
+    write_video(tmp_path / "f.webp", (np.full((16, 16, 3), grey, np.uint8) for grey in greys), fps)
+    video = read_video(tmp_path / "f.webp")
+    found = [frame.mean() for frame in video]
+    assert len(found) == len(greys)
+    assert np.abs(np.array(found) - greys).max() < 5
+    assert video.fps == pytest.approx(float(Fraction(fps)), rel=0.01)
