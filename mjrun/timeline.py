@@ -42,7 +42,7 @@ def _rational(text: str) -> Fraction:
 def seconds(steps: Any, timestep: Fraction) -> Any:
     """Returns the times [s] of `steps`, an ordered integer array `(n,)`: exact, then rounded once."""
     above, below = timestep.numerator, timestep.denominator
-    if len(steps) and max(abs(int(steps[0])), abs(int(steps[-1]))) * above < EXACT and below < EXACT:
+    if len(steps) and max(1, abs(int(steps[0])), abs(int(steps[-1]))) * above < EXACT and below < EXACT:
         return steps * above / below
     return [step * above / below for step in steps.tolist()]
 

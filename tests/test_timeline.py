@@ -175,6 +175,7 @@ def test_seconds_are_exact_and_rounded_once(timestep: Fraction, first: int, coun
 def test_seconds_of_a_timestep_with_many_digits_do_not_overflow() -> None:
     timestep = rational(1 / 240)
     assert list(seconds(np.array([0, 3000]), timestep)) == [0, float(3000 * timestep)]
+    assert list(seconds(np.array([0]), Fraction(10**30))) == [0]
 
 
 @given(st.integers(0, 10**9), st.fractions(Fraction(1, 10**6), Fraction(1)))

@@ -238,7 +238,8 @@ def _is_text(kind: "pyarrow.DataType") -> bool:
 
 def point_folders(folder: str | Path) -> dict[int, Path]:
     """Returns the folders of single points in the folder of a study, by the number of the point, ascending."""
-    return {int(path.name): path for path in sorted(Path(folder).glob(f"{POINTS}/*")) if path.name.isdecimal()}
+    numbered = {int(path.name): path for path in Path(folder).glob(f"{POINTS}/*") if path.name.isdecimal()}
+    return dict(sorted(numbered.items()))
 
 
 def read_point(folder: Path) -> Mapping[str, object]:

@@ -11,6 +11,7 @@ from mjrun.errors import FileError
 from mjrun.formats.study_reader import (
     NAME,
     folder_of_results,
+    point_folders,
     point_names,
     point_values,
     read_point,
@@ -94,3 +95,9 @@ def test_a_manifest_that_is_not_there_or_broken_tells_nothing(tmp_path: Path) ->
     assert point_values(tmp_path) == {}
     (tmp_path / NAME).write_text(json.dumps({"values": {"seed": "3"}}))
     assert point_values(tmp_path) == {"seed": "3"}
+
+
+def test_folders_of_points_are_in_the_order_of_their_numbers(tmp_path: Path) -> None:
+    for number in (999999, 1000000, 7, 1234567):
+        (tmp_path / f"points/{number:06}").mkdir(parents=True)
+    assert list(point_folders(tmp_path)) == [7, 999999, 1000000, 1234567]
