@@ -117,6 +117,8 @@ def _suffixes(options: ViewOptions) -> list[str]:
     """Returns a unique part of a file name for each panel."""
     words = ["".join(c if c.isalnum() else "_" for c in name.partition(":")[0]) for name in camera_names(options)]
     cameras = [word if words.count(word) == 1 else f"{word}{index}" for index, word in enumerate(words)]
+    if len({*cameras}) < len(cameras):  # a camera is called as another with its number
+        cameras = [f"{word}_{index}" for index, word in enumerate(words)]
     suffixes: list[str] = []
     for panel in panels_of(options):
         camera = [cameras[panel.camera]] if len(options.camera) > 1 else []

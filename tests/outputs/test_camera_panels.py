@@ -113,6 +113,9 @@ def test_separate_files_are_named_by_what_tells_them_apart(
 def test_names_of_cameras_are_reported_apart_by_number_where_they_are_alike() -> None:
     options = ViewOptions(camera=["a b", "a_b", "c"], separate=True)
     assert [file.path for file in panel_files(options, "x.png")] == ["x-a_b0.png", "x-a_b1.png", "x-c.png"]
+    names = ["free:azimuth=1", "free:azimuth=2", "free1"]
+    files = [file.path for file in panel_files(ViewOptions(camera=names, separate=True), "x.png")]
+    assert files == ["x-free_0.png", "x-free_1.png", "x-free1_2.png"]
 
 
 @cases("values, exact")
