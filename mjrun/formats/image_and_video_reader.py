@@ -118,7 +118,7 @@ def _exr(path: Path) -> np.ndarray:
 
 ANIMATIONS = (".gif", ".apng", ".webp")  # read by Pillow, which knows how long each frame lasts
 RAW = ".rgb"  # pixels only: the file does not hold their size
-SEVERAL = 1.5  # duration of a frame that stands for several, relative to the shortest one
+SEVERAL = 1.5  # duration of a frame that replaces several, relative to the shortest one
 ROUNDED = 1.0  # largest difference of the errors of times [ms]
 USUAL_RATES = (*range(1, 101), 24000 / 1001, 30000 / 1001, 60000 / 1001)  # frames per second
 BYTES_OF_PIXEL = 3  # of a decoded frame, at most
@@ -236,7 +236,7 @@ class VideoReader:
 
 
 def _period(durations: Sequence[float]) -> float:
-    """Returns the time from one frame to the next [ms] of an animation, whose long frames stand for several equal ones.
+    """Returns the time from one frame to the next [ms] of an animation, whose long frames replace several equal ones.
 
     Files round times to milliseconds, too roughly to count the frames of a long rest. If all times are those of a usual
     rate, it is meant.
