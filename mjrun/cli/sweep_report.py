@@ -202,7 +202,7 @@ def _repeats(result: "StudyResult") -> list[ReportColumn]:
 
     groups, level = result.repeats, f"{100 * result.confidence:g} %"
     columns = [
-        ReportColumn(clean(name), [clean(_short(group.values.get(name, ""))) for group in groups], right=True)
+        ReportColumn(clean(name), [clean(short_value(group.values.get(name, ""))) for group in groups], right=True)
         for name in result.names
         if name != SEED
     ]
@@ -232,12 +232,15 @@ def _sensitivities(result: "StudyResult") -> list[ReportColumn]:
 
 def _where(values: Mapping[str, str]) -> str:
     """Formats the first few values of a point, with a few digits."""
-    texts = [f"{name}={_short(text)}" for name, text in values.items()]
+    texts = [f"{name}={short_value(text)}" for name, text in values.items()]
     more = [f"… {len(texts) - FEW} more"] if len(texts) > FEW else []
     return clean(", ".join([*texts[:FEW], *more]))
 
 
-def _short(text: str) -> str:
+def short_value(text: str) -> str:
+    """Returns a value with a few digits; whole numbers, such as seeds, and texts are unchanged."""
+    if text.removeprefix("-").isdecimal() or "_" in text:  # which Python reads as part of a number
+        return text
     try:
         return number(float(text))
     except ValueError:

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from mjrun.options.kinds import FlagKind, Kind, OneOrMoreKind, PathKind, TextKind, optional
 from mjrun.options.model import ModelOptions
-from mjrun.options.number_kinds import IntegerKind, Numbers
+from mjrun.options.number_kinds import IntegerKind, Numbers, share_of
 from mjrun.options.option import FrontEnd, OptionRequirement, Options, option, options, required
 from mjrun.options.policy import NormalizationKind, PolicyKind, PolicyOptions
 from mjrun.options.report import ExperimentTrackerOptions, PageOptions
@@ -43,7 +43,7 @@ class LowestValuesKind(NamedNumbersKind):
     def parse(self, text: str) -> tuple[str, Numbers]:
         name, _, written = text.rpartition("=")
         try:
-            number = float(written.removesuffix("%")) / (100 if written.endswith("%") else 1)
+            number = share_of(written[:-1]) if written.endswith("%") else float(written)
         except ValueError:
             number = math.nan
         if not name or not math.isfinite(number):

@@ -109,7 +109,7 @@ class PercentKind(RealKind):
 
     def parse(self, text: str) -> float:
         try:
-            return self(float(rational(text[:-1] if text.endswith("%") else math.nan) / 100))  # rounded once
+            return self(share_of(text[:-1]) if text.endswith("%") else math.nan)
         except ValueError:
             raise InvalidValueError("a percentage; write it as in 10%") from None
 
@@ -393,6 +393,15 @@ class PointKind(Kind[Vector, Vector]):
 
     def plain(self, value: Vector) -> object:
         return [*value]
+
+
+def share_of(percentage: str) -> float:
+    """Converts a percentage without its sign to a share, rounded once: 99.9 is 0.999.
+
+    Raises:
+      ValueError: the text is not a finite number.
+    """
+    return float(rational(to_float(percentage)) / 100)
 
 
 def to_float(value: float | str) -> float:

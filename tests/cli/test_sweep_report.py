@@ -9,7 +9,7 @@ from mjrun.cli.click_command import ParsedCommandLine
 from mjrun.cli.commands.trace import trace
 from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import simulation
-from mjrun.cli.sweep_report import point_command
+from mjrun.cli.sweep_report import point_command, short_value
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.spec import simulation_at
 
@@ -43,3 +43,19 @@ def test_the_command_of_a_point_names_the_controller_as_the_user_did(values: dic
 def test_names_from_models_cannot_steer_the_terminal() -> None:
     model = mujoco.MjModel.from_xml_string("<mujoco/>")
     assert "\x1b" not in point_command(Simulation(model), {"geom/\x1b[31m.size": "1"})
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("0.123456789", "0.12346"),
+        ("1e-05", "1e-05"),
+        ("123456", "123456"),
+        ("4294967295", "4294967295"),
+        ("-1234567", "-1234567"),
+        ("1_0", "1_0"),
+        ("a.xml", "a.xml"),
+    ],
+)
+def test_a_value_has_few_digits_unless_it_is_whole_or_a_text(text: str, shown: str) -> None:
+    assert short_value(text) == shown
