@@ -22,7 +22,7 @@ SWEEP = ("sweep", "scene:pendulum", "--vary", "opt.timestep=0.001,0.002,0.004", 
 
 # Where POSIX may be used: in its own module, in the monitor that forks, in what confines a process on Linux, and before
 # any bytecode is written.
-HOMES = ("platform/posix.py", "cli/crash_monitor.py", "confinement/self_confinement.py", "__main__.py")
+HOMES = ("platform/posix.py", "cli/crash_monitor.py", "confinement/loopback_connector.py", "__main__.py")
 
 
 @pytest.fixture(scope="module")
