@@ -104,7 +104,7 @@ class PreparedEvaluation:
     def __init__(self, options: EvaluationOptions, task: ModelSource, rewritten: Rewritten | None) -> None:
         require_all(EXTRAS)
         self.task = task = replace(task, overrides=(*task.overrides, *overrides_of(options)))
-        snapshot = InputSnapshot.empty().with_files((), task.files)
+        snapshot = InputSnapshot.empty().with_files((), of_models=task.files)
         with snapshot.original_names_in_errors():
             self.points = points_of(options, task.stored_at(snapshot.place))
             self.groups = self._grouped(options, task, rewritten, snapshot)
@@ -149,7 +149,7 @@ class PreparedEvaluation:
         policies = _policies(options, self.points)
         chosen = [[policy_at(policy, each) for each in values] for _, policy in policies]
         snapshot = snapshot.with_files(
-            _files_of_policies([own for policy in chosen for own in policy]), _files_of_tasks(tasks)
+            _files_of_policies([own for policy in chosen for own in policy]), of_models=_files_of_tasks(tasks)
         )
         metrics, groups = plain_metrics(options.metric), list[PolicyEpisodes]()
         for place, (name, policy) in enumerate(policies):

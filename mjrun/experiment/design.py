@@ -8,6 +8,7 @@ import hashlib
 import json
 import math
 import re
+import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from decimal import Decimal, localcontext
 from fnmatch import fnmatchcase
@@ -34,13 +35,11 @@ from mjrun.physics.random_distribution import Distribution, parse_distribution
 from mjrun.probe.expression import TextMatch, walk
 from mjrun.probe.row_expression import parse_condition
 from mjrun.probe.scanner import Vocabulary
-from mjrun.timeline import rational
+from mjrun.timeline import EXACT, rational
 
 Values = tuple[str, ...]
 ABSENT = ""  # in place of the value of a parameter that does not exist at a point; NaN among numbers
 BLOCK = 4096  # points that are made at once
-LARGEST_INTEGER = 2.0**53  # up to which floats are exact
-LARGEST_FLOAT = float(np.finfo(float).max)
 EACH = "each:"
 SHORT_PATHS = {"integrator": "opt.integrator", "timestep": "opt.timestep"}  # options that are paths of the model, too
 
@@ -279,7 +278,7 @@ def numbers(texts: Sequence[str]) -> np.ndarray | None:
         return texts.numbers
     try:
         values = np.fromiter((float(text) if text else math.nan for text in texts), float, len(texts))
-        large = np.flatnonzero(np.abs(values) >= LARGEST_INTEGER)
+        large = np.flatnonzero(np.abs(values) >= EXACT)
         whole = [place for place in large.tolist() if texts[place].lstrip("+-").isdecimal()]
         is_exact = all(int(texts[place]) == int(values[place]) for place in whole)
     except (ValueError, OverflowError):  # the latter of a whole number that is no float
@@ -544,7 +543,7 @@ def _drawn(distribution: Distribution, fractions: np.ndarray) -> Sequence[str]:
 
 def _seeds(first: int, count: int) -> Sequence[str]:
     """Returns consecutive seeds, as texts where a float would round one."""
-    if first + count > LARGEST_INTEGER:
+    if first + count > EXACT:
         return [str(seed) for seed in range(first, first + count)]
     return NumberTexts(np.arange(first, first + count, dtype=float), has_integers=True)
 
@@ -568,7 +567,7 @@ def _require_possible(counts: Iterable[int]) -> None:
     """Refuses more than `MOST_POINTS` combinations."""
     count = prod(counts)
     if count > MOST_POINTS:
-        shown = f"{count:,}" if count < LARGEST_INTEGER else f"10^{math.log10(count):.0f}"
+        shown = f"{count:,}" if count < EXACT else f"10^{math.log10(count):.0f}"
         raise UsageError(f"{shown} points; a study has {MOST_POINTS:,} at most")
 
 
@@ -642,15 +641,15 @@ def _spaced(span: re.Match[str], place: str) -> Sequence[str]:
         first, last, count = rational(span["first"]), rational(span["last"]), int(span["count"])
     except ValueError:
         raise UsageError(f"{place}: write FIRST..LAST:COUNT, with numbers") from None
-    if max(abs(first), abs(last)) > LARGEST_FLOAT:
-        raise UsageError(f"{place}: the ends of a span are {LARGEST_FLOAT:.3g} at most")
+    if max(abs(first), abs(last)) > sys.float_info.max:
+        raise UsageError(f"{place}: the ends of a span are {sys.float_info.max:.3g} at most")
     if not 2 <= count <= MOST_IN_SPAN or first == last:
         reason = f"write FIRST..LAST:COUNT, with two different ends and from 2 to {MOST_IN_SPAN} values"
         raise UsageError(f"{place}: {reason}")
     if span["log"] is None:
         step = (last - first) / (count - 1)
         unit = lcm(first.denominator, step.denominator)
-        if max(abs(first * unit), abs(last * unit), unit) < LARGEST_INTEGER:  # their ratios are rounded correctly
+        if max(abs(first * unit), abs(last * unit), unit) < EXACT:  # their ratios are rounded correctly
             multiples = int(first * unit) + int(step * unit) * np.arange(count)
             return NumberTexts(multiples / unit, has_integers=True)
         return [_decimal(first + step * k) for k in range(count)]

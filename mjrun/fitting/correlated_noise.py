@@ -16,7 +16,7 @@ from mjrun.fitting.measurements import Floats
 LAGS = 8  # largest distance of samples whose correlation is tested
 DOUBT = 0.005  # probability that white residuals are rejected
 SLOWER, SLOWEST = 16, 16  # samples per slow cosine of a chunk, and most of these cosines
-SHARES = np.arange(50) / 50  # correlations of consecutive samples that are compared
+CORRELATIONS = np.arange(50) / 50  # correlations of consecutive samples that are compared
 
 
 def lag_products(parts: Sequence[Floats], lag: int) -> Floats:
@@ -58,23 +58,23 @@ def _slow(count: int) -> int:
     return min(count // SLOWER, SLOWEST)
 
 
-def whitened(samples: Floats, share: float) -> Floats:
+def whitened(samples: Floats, correlation: float) -> Floats:
     """Returns independent numbers of the same variance, from noise with this correlation of consecutive samples.
 
     Args:
       samples: consecutive samples, `(..., n)`.
     """
-    left = (samples[..., 1:] - share * samples[..., :-1]) / np.sqrt(1 - share**2)
+    left = (samples[..., 1:] - correlation * samples[..., :-1]) / np.sqrt(1 - correlation**2)
     return np.concatenate([samples[..., :1], left], axis=-1)
 
 
-def seen(shares: Floats) -> Floats:
+def visible_share(correlations: Floats) -> Floats:
     """Returns the share of the variance of noise with these correlations that its third differences show.
 
     With the correlations ρ, ρ², ρ³ of samples that are 1, 2, 3 apart, third differences have the variance
     20 − 30ρ + 12ρ² − 2ρ³, and those of white noise 20.
     """
-    return 1 - 1.5 * shares + 0.6 * shares**2 - 0.1 * shares**3
+    return 1 - 1.5 * correlations + 0.6 * correlations**2 - 0.1 * correlations**3
 
 
 def samples_by_signal(residuals: Sequence[Floats]) -> list[list[Floats]]:
@@ -112,16 +112,18 @@ def correlations(residuals: Sequence[Floats]) -> Floats:
     from scipy import special
 
     signals = samples_by_signal(residuals)
-    found = [_likeliest(each) for each in signals]
-    shares = np.array([share for share, _ in found])
-    innovations = [[whitened(each, s)[1:] for each in parts] for parts, s in zip(signals, shares, strict=True)]
+    likeliest, gains = np.transpose([_likeliest(each) for each in signals])
+    innovations = [
+        [whitened(each, correlation)[1:] for each in parts]
+        for parts, correlation in zip(signals, likeliest, strict=True)
+    ]
     statistic = sum(float(portmanteau(parts)) for parts in innovations)
     is_noise = (
         not are_white(signals)
         and statistic < special.chdtri((LAGS - 1) * len(signals), DOUBT)
-        and sum(gain for _, gain in found) < special.chdtri(len(signals), DOUBT)
+        and gains.sum() < special.chdtri(len(signals), DOUBT)
     )
-    return shares if is_noise else np.zeros_like(shares)
+    return likeliest if is_noise else np.zeros_like(likeliest)
 
 
 def _likeliest(parts: Sequence[Floats]) -> tuple[float, float]:
@@ -135,7 +137,7 @@ def _likeliest(parts: Sequence[Floats]) -> tuple[float, float]:
     squares = np.concatenate([fft.dct(each, norm="ortho") ** 2 for each in parts])
     turns = np.concatenate([np.cos(np.pi * np.arange(len(each)) / len(each)) for each in parts])
     is_slow = np.concatenate([np.arange(len(each)) < _slow(len(each)) for each in parts])
-    powers = (1 - SHARES**2)[:, None] / (1 - 2 * SHARES[:, None] * turns + SHARES[:, None] ** 2)
+    powers = (1 - CORRELATIONS**2)[:, None] / (1 - 2 * CORRELATIONS[:, None] * turns + CORRELATIONS[:, None] ** 2)
     ratios = squares / powers
     levels = np.log(powers).sum(axis=1)
     alike = len(squares) * np.log(np.maximum(ratios.mean(axis=1), 1e-300)) + levels
@@ -144,4 +146,4 @@ def _likeliest(parts: Sequence[Floats]) -> tuple[float, float]:
         for each in (is_slow, ~is_slow)
         if each.any()
     )
-    return float(SHARES[alike.argmin()]), float(alike.min() - apart.min())
+    return float(CORRELATIONS[alike.argmin()]), float(alike.min() - apart.min())

@@ -21,7 +21,7 @@ from mjrun.errors import (
     spelled,
 )
 from mjrun.fitting.correlated_noise import correlations as noise_correlations
-from mjrun.fitting.correlated_noise import seen
+from mjrun.fitting.correlated_noise import visible_share
 from mjrun.fitting.free_parameter import MARGIN, free_parameters, require_effect, values_at
 from mjrun.fitting.information import Sensitivity, bound_reached, intervals, sensitivity
 from mjrun.fitting.measurements import (
@@ -172,7 +172,7 @@ def misfit(
     """
     correlations = _correlations(solution)
     correlations[[*set_by_user]] = 0.0
-    noise = noise / shared(np.sqrt(seen(correlations)), rotations)
+    noise = noise / shared(np.sqrt(visible_share(correlations)), rotations)
     values = np.concatenate([part.values for part in solution.chunks])
     spread = shared(spread_of(values, solution.loss), rotations)
     left = shared(solution.noise_scale, rotations)

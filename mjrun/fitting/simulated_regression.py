@@ -55,13 +55,12 @@ APPROXIMATIONS = 2
 REACH = 100.0  # standard deviation of what compensates for a change of the model, in those of the last round
 CERTAIN = 3.0  # standard deviations beyond which a log shows a change: 1 % for three, with `NOISE_TOLERANCE`
 MOST_TRIALS = 20  # draws of a point until its coordinates are within bounds
-SHARES = np.append(np.arange(0, 10) / 10, (0.95, 0.98))  # correlations of consecutive samples that are compared
-SCALES = np.geomspace(
-    0.1, 100, 61
-)  # standard deviations of correlated noise that are compared, in those of white noise
-CLEARLY = 15.0  # twice the difference of logarithmic likelihoods beyond which noise is correlated
-MUCH = 4.0  # ratio of the gain by correlated noise to that by what a model lacks beyond which it is noise
-STRANGE = 0.01  # probability below which a rest is no noise
+# Correlations of consecutive samples, and standard deviations in those of white noise, that are compared.
+CORRELATIONS = np.append(np.arange(0, 10) / 10, (0.95, 0.98))
+SCALES = np.geomspace(0.1, 100, 61)
+CORRELATED = 15.0  # twice the difference of logarithmic likelihoods beyond which noise is correlated
+LEAST_RATIO = 4.0  # of the gain by correlated noise to that by what a model lacks: below, the model lacks something
+LEAST_WHITENESS = 0.01  # probability below which what simulations do not explain is more than noise
 RIDGES = np.geomspace(0.1, 1e6, 29)  # penalties that are compared, in variances of the noise
 
 
@@ -170,11 +169,11 @@ class RegressionSearch:
         probability = self._probability(drawn)
         correlations = None
         if self._noise:
-            if self._noise.shares.any() and self._has_white_rest(drawn.residuals):
-                correlations = self._noise.shares
+            if self._noise.correlations.any() and self._has_white_rest(drawn.residuals):
+                correlations = self._noise.correlations
         elif self._problem.loss == "linear" and free:
             noise = self._likeliest_noise(drawn)
-            self.correlated_noise = noise if noise.shares.any() else None
+            self.correlated_noise = noise if noise.correlations.any() else None
         self._widths = drawn.unknowns.std(axis=0)
         del drawn
         unknowns[:, :free] = estimate[:free]
@@ -305,16 +304,16 @@ class RegressionSearch:
 
     def _likeliest_noise(self, drawn: _Round) -> "CorrelatedNoise":
         """Returns the noise with which the log is most likely one of the simulations of a round."""
-        found = [_likeliest_noise([drawn.residuals[:, each] for each in parts]) for parts in self._samples]
-        return CorrelatedNoise(*np.transpose(found))
+        likeliest = [_likeliest_noise([drawn.residuals[:, each] for each in parts]) for parts in self._samples]
+        return CorrelatedNoise(*np.transpose(likeliest))
 
     def _whiten(self, drawn: _Round) -> None:
         """Changes residuals in place so that their noise is white with a standard deviation of 1; logs may be long."""
         if not self._noise:
             return
-        for parts, scale, share in zip(self._samples, self._noise.scales, self._noise.shares, strict=True):
+        for parts, scale, correlation in zip(self._samples, self._noise.scales, self._noise.correlations, strict=True):
             for places in parts:
-                drawn.residuals[:, places] = whitened(drawn.residuals[:, places] / scale, share)
+                drawn.residuals[:, places] = whitened(drawn.residuals[:, places] / scale, correlation)
 
     def _has_white_rest(self, rows: Floats) -> bool:
         """Returns whether the log, less what simulations explain of it, is as uncorrelated as simulated logs are.
@@ -337,7 +336,7 @@ class RegressionSearch:
             signals = [[logs[:, each] for each in parts] for parts in self._samples]
             own, *theirs = np.sum([portmanteau(parts) + slow_power(parts) for parts in signals], axis=0)
             farther += int((np.array(theirs) >= own).sum())
-        return (1 + farther) / (1 + count) >= STRANGE
+        return (1 + farther) / (1 + count) >= LEAST_WHITENESS
 
     def _regressed(self, drawn: _Round) -> tuple[Floats, Floats]:
         """Returns the unknowns of the log, `(unknowns,)`, and the errors for the simulated ones, `(points, unknowns)`.
@@ -409,17 +408,17 @@ class CorrelatedNoise:
 
     Attributes:
       scales: standard deviation of each signal, in those of white noise, `(signals,)`.
-      shares: correlation of consecutive samples of each signal, `(signals,)`.
+      correlations: correlation of consecutive samples of each signal, `(signals,)`.
       gains: twice the differences of the logarithmic likelihoods of signals from those with white noise, `(signals,)`.
     """
 
     scales: Floats
-    shares: Floats
+    correlations: Floats
     gains: Floats
 
     def explains_more(self, lack: ModelLack | None) -> bool:
         """Returns whether such noise explains the log much better than what the model may lack beside white noise."""
-        return float(self.gains.sum()) > (MUCH * lack.deviations**2 if lack else 0.0)
+        return float(self.gains.sum()) > (LEAST_RATIO * lack.deviations**2 if lack else 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -505,8 +504,8 @@ def _likeliest_noise(parts: Sequence[Floats]) -> tuple[float, float, float]:
     count, numbers = len(parts[0]), sum(each.shape[1] for each in parts)
     variances = SCALES[:, None] ** 2
     least, best, white, assumed = np.inf, (1.0, 0.0), np.inf, np.inf
-    for share in SHARES:
-        rows = np.concatenate([whitened(each, share) for each in parts], axis=1)
+    for correlation in CORRELATIONS:
+        rows = np.concatenate([whitened(each, correlation) for each in parts], axis=1)
         middle = rows.mean(axis=0)
         rows -= middle
         squares, vectors = np.linalg.eigh(rows @ rows.T)
@@ -518,13 +517,13 @@ def _likeliest_noise(parts: Sequence[Floats]) -> tuple[float, float, float]:
         rest = max(float(middle @ middle) - float(along.sum()), 0.0)
         cost = (np.log(variances + squares) + along / (variances + squares)).sum(axis=1)
         cost += (numbers - rank) * np.log(variances[:, 0]) + rest / variances[:, 0]
-        cost += (numbers - len(parts)) * np.log(1 - share**2)
+        cost += (numbers - len(parts)) * np.log(1 - correlation**2)
         place = int(cost.argmin())
-        if share == 0:
+        if correlation == 0:
             white, assumed = float(cost.min()), float(cost[int(np.abs(SCALES - 1).argmin())])
         if cost[place] < least:
-            least, best = float(cost[place]), (float(SCALES[place]), float(share))
-    return (*best, assumed - least) if least < white - CLEARLY else (1.0, 0.0, 0.0)
+            least, best = float(cost[place]), (float(SCALES[place]), float(correlation))
+    return (*best, assumed - least) if least < white - CORRELATED else (1.0, 0.0, 0.0)
 
 
 def _away_from_neighbours(residuals: Floats) -> Floats:

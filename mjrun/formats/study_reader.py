@@ -1,6 +1,5 @@
 """Reads the results of a study: a row for each point, with numbers and texts."""
 
-import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import field
@@ -156,19 +155,24 @@ def read_study(folder: str | Path) -> StudyResults:
     columns = manifest.get("columns")
     metric_columns = list(map(str, columns)) if isinstance(columns, list) else []
     sensitivity = _sensitivity(place.path(SENSITIVITY)) if place.has(SENSITIVITY) else {}
-    files = _points_with_files(place)
+    files = _points_with_files(study_manifest(place))
     return StudyResults(place.path(), parameters, metrics, numbers, texts, metric_columns, units, files, sensitivity)
 
 
-def _points_with_files(folder: Folder) -> frozenset[int]:
+def study_manifest(folder: Folder) -> dict[str, Any]:
+    """Returns the manifest of a study; empty where none can be read, as in a new folder."""
+    with suppress(OSError, FileError), folder.open(MANIFEST) as stream:
+        return parse_manifest(stream.read()) or {}
+    return {}
+
+
+def _points_with_files(manifest: Mapping[str, object]) -> frozenset[int]:
     """Returns the numbers of points that the manifest of a study lists as having files; none if it lists none."""
-    with suppress(OSError, FileError, ValueError), folder.open(MANIFEST) as stream:
-        match json.loads(stream.read()):
-            case {"with_files": list(points)}:
-                return frozenset(point for point in cast("list[object]", points) if isinstance(point, int))
-            case _:
-                pass
-    return frozenset()
+    match manifest:
+        case {"with_files": list(points)}:
+            return frozenset(point for point in cast("list[object]", points) if isinstance(point, int))
+        case _:
+            return frozenset()
 
 
 def _sensitivity(path: str) -> dict[str, dict[str, dict[str, float]]]:
@@ -244,11 +248,9 @@ def point_folders(folder: str | Path) -> dict[int, Path]:
 
 def read_point(folder: Path) -> Mapping[str, object]:
     """Returns the manifest in the folder of a point; empty if it is missing or cannot be read."""
-    try:
-        document = json.loads((folder / NAME).read_bytes())
-    except (OSError, ValueError):
-        return {}
-    return document if isinstance(document, dict) else {}
+    with suppress(OSError):
+        return parse_manifest((folder / NAME).read_bytes()) or {}
+    return {}
 
 
 def point_values(folder: Path) -> Mapping[str, str]:

@@ -10,9 +10,9 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, clean
 from mjrun.options.setting_kinds import CALL, DISTRIBUTIONS
+from mjrun.timeline import EXACT
 
 LEAST, MOST = 2.0**-53, 1 - 2.0**-53  # fractions whose quantiles are finite
-LARGEST_INTEGER = 2**53  # beyond, not every integer is a number
 Quantiles = Callable[[np.ndarray], np.ndarray]
 # The condition on the numbers of a distribution, in words and as a function.
 CONDITIONS: dict[str, tuple[str, Callable[[Sequence[float]], bool]]] = {
@@ -29,8 +29,7 @@ CONDITIONS: dict[str, tuple[str, Callable[[Sequence[float]], bool]]] = {
     "integers": (
         "whole numbers of at most 2^53, FIRST not above LAST",
         lambda numbers: (
-            numbers[0] <= numbers[1]
-            and all(number == int(number) and abs(number) <= LARGEST_INTEGER for number in numbers)
+            numbers[0] <= numbers[1] and all(number == int(number) and abs(number) <= EXACT for number in numbers)
         ),
     ),
 }

@@ -61,7 +61,7 @@ class InputSnapshot:
         weakref.finalize(owner, stack.close)
         return cls(root, {}, os.getcwd(), frozenset(), owner)  # noqa: PTH109
 
-    def with_files(self, files: Iterable[Path], of_models: Iterable[Path] = ()) -> Self:
+    def with_files(self, files: Iterable[Path], *, of_models: Iterable[Path] = ()) -> Self:
         """Returns a snapshot that also contains these files.
 
         Missing files are left out: reading their copies fails. So are those that a confined process must not read.

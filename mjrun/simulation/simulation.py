@@ -183,7 +183,7 @@ class Simulation(SimulationOptions):
         """
         if self.snapshot:
             return self
-        snapshot = InputSnapshot.empty().with_files((path for _, path in self.tables), self.source.files)
+        snapshot = InputSnapshot.empty().with_files((path for _, path in self.tables), of_models=self.source.files)
         model = source_of(self.model) if self.model == STDIN else self.model  # whose text is pickled with it
         return replace(self, model=model, snapshot=snapshot)
 

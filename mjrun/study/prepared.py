@@ -98,7 +98,7 @@ class PreparedStudy(PreparedPoints):
             self.points = checked_design(options, spec, self._source, self.model) if points is None else points
             varied = [*varied_files(spec.base, self.points)]
             others = [path for _, files in varied for path in files]
-            snapshot = base.snapshot.with_files(others, [path for files, _ in varied for path in files])
+            snapshot = base.snapshot.with_files(others, of_models=[path for files, _ in varied for path in files])
             self.spec = replace(spec, names=self.points.names, base=replace(base, snapshot=snapshot))
             self.shipped = ShippedStudy.of(self.spec)
             written = with_end(options.metric, base) if self.spec.metrics else ()

@@ -120,9 +120,8 @@ def study_status(folder: str | Path) -> StudyStatus:
     place = folder_at(folder, delays=())
     points, metrics, study = study_facts(place)
     files, known = PartFiles(place, metrics, study, points), ResultColumns(range(points), len(metrics))
-    leases = [
-        *running_leases(files.ranges)
-    ]  # before the parts: a process publishes its results before it releases a lease
+    # Leases before parts: a process publishes its results before it releases a lease.
+    leases = [*running_leases(files.ranges)]
     files.update(known, 0, points - 1)
     running, rates, lost = list[RunningRange](), dict[str, float](), dict[str, int]()
     for lease, content, silent in leases:

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import field, replace
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
@@ -33,9 +33,9 @@ from mjrun.experiment.statistics import (
     sensitivities,
     sensitivity_table,
 )
-from mjrun.formats.local_and_remote_folders import Folder, folder_at, require_own_folder
+from mjrun.formats.local_and_remote_folders import folder_at, require_own_folder
 from mjrun.formats.output_writer import OutputWriter, publish_together
-from mjrun.formats.study_reader import read_study
+from mjrun.formats.study_reader import read_study, study_manifest
 from mjrun.formats.table_writer import TableWriter
 from mjrun.model.mujoco_globals import reported_warnings
 from mjrun.options.evaluation import MANIFEST as EVALUATION
@@ -149,7 +149,8 @@ class Study(StudyOptions, ExecutionOptions):
                     reporter.note(COMPILES)
                 simulated = prepared.simulate(missing, self, reporter).total()
             del missing  # which take memory
-            if simulated and _manifest(prepared.folder).get("digest", prepared.files.study) != prepared.files.study:
+            digest = prepared.files.study
+            if simulated and study_manifest(prepared.folder).get("digest", digest) != digest:
                 reporter.warn(OTHER_RUN)
             with kept_results_in_errors(prepared.folder, prepared.noun):
                 if simulated:
@@ -205,7 +206,7 @@ class Study(StudyOptions, ExecutionOptions):
         """
         ours = _command_of(schema)
         require_own_folder(prepared.folder, MANIFEST, f"run of `{ours}`", FOREIGN)  # logs and plans may be there
-        before = _manifest(prepared.folder)
+        before = study_manifest(prepared.folder)
         theirs = _command_of(before.get("schema"))
         if theirs and theirs != ours:
             hint = f"{option('output')} names a folder that is new, or one of `{ours}`"
@@ -305,16 +306,6 @@ class Study(StudyOptions, ExecutionOptions):
 def _command_of(schema: object) -> str:
     """Returns the command whose manifests have a schema: `mjrun sweep` for `mjrun-sweep-1`."""
     return str(schema or "").rpartition("-")[0].replace("-", " ")
-
-
-def _manifest(folder: Folder) -> dict[str, Any]:
-    """Returns the manifest in a folder; empty where none can be read, as in a new folder."""
-    try:
-        with folder.open(MANIFEST) as stream:
-            manifest = json.loads(stream.read())
-    except (OSError, FileError, ValueError):
-        return {}
-    return cast("dict[str, Any]", manifest) if isinstance(manifest, dict) else {}
 
 
 def _changed(before: object, now: Mapping[str, object], part: str) -> list[str]:

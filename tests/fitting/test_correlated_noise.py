@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import linalg
 
-from mjrun.fitting.correlated_noise import are_white, correlations, samples_by_signal, seen, whitened
+from mjrun.fitting.correlated_noise import are_white, correlations, samples_by_signal, visible_share, whitened
 from mjrun.fitting.simulated_regression import _likeliest_noise, _places_of_samples
 from tests.fitting.logs import correlated
 
@@ -19,7 +19,7 @@ def test_the_filter_turns_the_covariance_into_the_identity(share: float) -> None
 def test_third_differences_see_what_the_covariance_says(share: float) -> None:
     differences = np.diff(np.eye(4), 3, axis=0)[0]
     variance = differences @ linalg.toeplitz(share ** np.arange(4)) @ differences
-    assert seen(np.array([share]))[0] == pytest.approx(variance / 20)
+    assert visible_share(np.array([share]))[0] == pytest.approx(variance / 20)
 
 
 def test_noise_shows_its_correlation_and_a_misfit_shows_none() -> None:

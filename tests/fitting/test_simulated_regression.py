@@ -161,9 +161,9 @@ def test_correlated_noise_explains_a_log_and_a_misfit_is_no_noise(share: float, 
     search = search_of(shoot, log, np.full(3, 0.5), 1.0)
     drawn = _Round(np.zeros((count, 3)), np.pad(curves[1:] - measured, ((0, 0), (0, 3))), np.ones(rows + 3))
     search._noise = search._likeliest_noise(drawn)
-    assert search._noise.shares.any()
+    assert search._noise.correlations.any()
     if is_noise:
-        assert search._noise.shares == pytest.approx([share], abs=0.15)
+        assert search._noise.correlations == pytest.approx([share], abs=0.15)
     search._whiten(drawn)
     assert search._has_white_rest(drawn.residuals) == is_noise
 

@@ -91,10 +91,18 @@ def test_points_are_named_by_the_values_that_differ_with_as_many_digits_as_that_
 
 def test_a_manifest_that_is_not_there_or_broken_tells_nothing(tmp_path: Path) -> None:
     assert read_point(tmp_path) == {}
-    (tmp_path / NAME).write_text("[1")
-    assert point_values(tmp_path) == {}
+    for text in ("[1", "[1]", "[" * 100_000):
+        (tmp_path / NAME).write_text(text)
+        assert point_values(tmp_path) == {}
     (tmp_path / NAME).write_text(json.dumps({"values": {"seed": "3"}}))
     assert point_values(tmp_path) == {"seed": "3"}
+
+
+def test_a_manifest_of_a_study_that_is_broken_lists_no_files(tmp_path: Path) -> None:
+    folder = write(tmp_path, {"metrics": {"z": "last(z)"}, "columns": []})
+    for text, points in (('{"with_files": [1, "x"]}', {1}), ('{"with_files": 1}', set()), ("[" * 100_000, set())):
+        (folder / "study.json").write_text(text)
+        assert read_study(folder).with_files == points
 
 
 def test_folders_of_points_are_in_the_order_of_their_numbers(tmp_path: Path) -> None:

@@ -191,7 +191,7 @@ def test_an_unreadable_file_is_an_error_of_the_model_or_of_the_file(
     simulation = Simulation(str(files[0]), ctrl_from=str(files[1]))
     monkeypatch.setattr(Path, "open", refuse)
     with pytest.raises(ModelNotFoundError, match=r"/ball\.xml: Permission denied$"):
-        InputSnapshot.empty().with_files((), simulation.source.files)
+        InputSnapshot.empty().with_files((), of_models=simulation.source.files)
     with pytest.raises(FileError, match=r"/table\.csv: cannot be read: Permission denied$"):
         simulation.with_snapshot()
 
