@@ -21,6 +21,7 @@ from mjrun.formats.input_file import exists, is_folder, opened
 from mjrun.formats.output_writer import Destination, OutputWriter, StagedFile
 from mjrun.formats.temporary_output import (
     NAME,
+    TRIES,
     remove_left_behind,
     require_no_dangling_link,
     scratch_folder,
@@ -60,8 +61,8 @@ class LocalFolder:
         """
         require_no_dangling_link(self._path, Path(os.path.realpath(self._path)))
         with file_errors(self.path(), "made"):
-            self._path.mkdir(parents=True, exist_ok=True)
-        if not os.access(self._path, os.W_OK | os.X_OK):
+            _make(self._path)
+        if not os.access(self._path, os.W_OK | os.X_OK) and exists(self._path):  # or it has just been removed
             raise FileError(self.path(), "the folder is not writable")
         if is_cleaned:
             remove_left_behind(self._path)
@@ -121,15 +122,18 @@ class LocalFolder:
             return (self._path / name).open("rb")
 
     def create_file(self, name: str, content: bytes) -> None:
-        """Creates a small file, which must not exist, and appears whole."""
+        """Creates a small file, which must not exist, and appears whole; also folders in this one."""
         path = self._path / name
-        with file_errors(self.path(name), "written"), temporary_file(path, content, "") as whole:
-            try:
-                system.hard_link(whole, path)
-            except OSError as error:
-                if isinstance(error, FileExistsError) or os.path.lexists(path):
-                    raise
-                whole.rename(path)  # the file system has no hard links
+        with file_errors(self.path(name), "written"):
+            for attempt in range(TRIES):
+                try:
+                    _create(path, content)
+                except FileNotFoundError:  # another process has just removed an inner folder, which was empty
+                    if attempt == TRIES - 1 or not self.exists():
+                        raise
+                    _make(path.parent)
+                else:
+                    return
 
     def rewrite(self, name: str, content: bytes) -> None:
         """Replaces the content of a small file, which must exist."""
@@ -145,6 +149,29 @@ class LocalFolder:
     def destination(self, name: str) -> StagedFile:
         """Returns the destination of a file that is written whole."""
         return StagedFile(self._path / name)
+
+
+def _make(folder: Path) -> None:
+    """Creates a folder, whatever empty folders other processes remove meanwhile."""
+    for attempt in range(TRIES):
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except (FileNotFoundError, FileExistsError):
+            if attempt == TRIES - 1 or (exists(folder) and not is_folder(folder)):
+                raise
+        else:
+            return
+
+
+def _create(path: Path, content: bytes) -> None:
+    """Creates a file, which must not exist, and appears whole, in an existing folder."""
+    with temporary_file(path, content, "") as whole:
+        try:
+            system.hard_link(whole, path)
+        except OSError as error:
+            if isinstance(error, FileExistsError) or os.path.lexists(path):
+                raise
+            whole.rename(path)  # the file system has no hard links
 
 
 class RemoteFolder:

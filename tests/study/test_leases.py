@@ -22,7 +22,7 @@ from mjrun.simulation.simulation import Simulation
 from mjrun.study.leases import BEAT, EXPIRY, POLL, Leases, PointLeaser
 from mjrun.study.part_files import PartFiles
 from mjrun.study.prepared import PreparedStudy
-from mjrun.study.range_folders import SIZES
+from mjrun.study.range_folders import SIZES, RangeFolders
 from mjrun.study.results import ResultColumns, ResultRows
 from mjrun.study.spec import PointResult, Status
 from mjrun.study.study import Study
@@ -318,3 +318,20 @@ def test_two_processes_share_a_study_and_one_finishes_it_when_the_other_is_kille
     assert [*(tmp_path / "shared" / "parts").glob("*.lease")] == []
     tables = [(tmp_path / folder / "results.parquet").read_bytes() for folder in ("alone", "shared")]
     assert tables[0] == tables[1]
+
+
+def test_a_lease_survives_that_another_process_removes_its_empty_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    process, other = (Process(tmp_path, 2 * SIZES[-1], 8) for _ in range(2))
+    ranges, new_name = process.leases._ranges, RangeFolders.new_name
+
+    def interrupted(self: RangeFolders, first: int, last: int, end: str) -> str:
+        name = new_name(self, first, last, end)
+        other.leases._ranges.remove_empty()  # as at the end of a run
+        return name
+
+    monkeypatch.setattr(RangeFolders, "new_name", interrupted)
+    with process.leases:
+        assert process.leases.claim(0, 7, 8)
+        assert len(ranges.names(".lease")) == 1
