@@ -371,7 +371,7 @@ def heat_key(canvas: MatplotlibFigure, panels: Sequence[HeatmapPanel]) -> dict[s
     if any(panel.failed.any() for panel in panels):
         key["every point failed"] = _empty_cell(canvas, (0, 0), (1, 1), failed=True)
     if any((np.isnan(panel.values) & ~panel.failed).any() for panel in panels):
-        key["no point"] = _empty_cell(canvas, (0, 0), (1, 1), failed=False)
+        key["no value"] = _empty_cell(canvas, (0, 0), (1, 1), failed=False)
     return key
 
 

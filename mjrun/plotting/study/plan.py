@@ -276,10 +276,11 @@ class StudyFigurePlan:
         shape = (len(up.levels), len(across.levels))
         cells = up.places * shape[1] + across.places
         count = np.bincount(cells, minlength=shape[0] * shape[1])
+        good = np.bincount(cells[self._results.status == "ok"], minlength=len(count))
         panels: list[StudyPanel] = []
         for metric in self._shown(self._metrics):
             (values,) = quantiles(cells, metric.values, len(count), [0.5])
-            failed = (count > 0) & np.isnan(values)
+            failed = (count > 0) & (good == 0) & np.isnan(values)
             ends = scale(metric.name, values, log=metric.log, edge=0.0)
             colours = replace(ends, log=metric.log and ends.low > 0)
             grid = values.reshape(shape), failed.reshape(shape)

@@ -140,7 +140,7 @@ def test_the_key_names_lines_bands_and_each_status_with_its_number() -> None:
     names, one = keyed((900, 480), GraphPanel(MASS, Z, series, FAILURES))
     assert names == ["model = a", "_b", "median", *BAND_NAMES, "unstable: 2 points", "crashed: 1 point"]
     assert keyed((320, 480), GraphPanel(MASS, Z, series, FAILURES))[1] > 2 * one * 0.6
-    assert keyed((900, 480), HEAT, title="A title")[0] == ["every point failed", "no point"]
+    assert keyed((900, 480), HEAT, title="A title")[0] == ["every point failed", "no value"]
     assert figure(DrawnStudyFigure("", [OTHER]))[0].legends == []
 
 

@@ -75,6 +75,10 @@ def test_two_parameters_on_a_grid_are_a_map_of_medians() -> None:
     table = pd.DataFrame({"a": a, "b": b, "z": z}).pivot_table(index="b", columns="a", values="z", aggfunc="median")
     np.testing.assert_allclose(panel.values, table.to_numpy(), rtol=1e-12)
     assert np.argwhere(panel.failed).tolist() == [[2, 1]]
+    status[(a == 1) & (b == 2)] = ["crashed", "ok", "crashed"]  # a metric may have no value at a point that is ok
+    panel, _ = drawn(results({"a": a, "b": b, "seed": rng.random(60)}, {"z": z, "w": z}, status)).panels
+    assert isinstance(panel, HeatmapPanel)
+    assert not panel.failed.any()
 
 
 def test_x_chooses_curves_and_the_other_parameter_their_colours() -> None:
