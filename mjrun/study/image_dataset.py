@@ -37,7 +37,7 @@ from mjrun.study.dataset_specs import RECORDS, ImageSpec, camera_argument, part_
 from mjrun.study.executors import WARP, check_engine
 from mjrun.study.part_files import kept_results_in_errors
 from mjrun.study.prepared import PreparedStudy
-from mjrun.study.results import PointFailureGroup, point_failures, study_table
+from mjrun.study.results import STATUSES, PointFailureGroup, point_failures, study_table
 from mjrun.study.spec import PointResult
 from mjrun.study.study import Study
 from mjrun.version import __version__
@@ -219,11 +219,16 @@ class Dataset(DatasetOptions, ExecutionOptions):
         for path in paths:
             (Path(self.output) / path).unlink(missing_ok=True)
 
-    def _remove_points_from(self, count: int) -> None:
-        """Removes the images and records of earlier points beyond the first `count`."""
+    def _remove_other_points(self, prepared: PreparedStudy) -> None:
+        """Removes the images and records of points that the dataset does not have, or whose last attempt failed."""
+        results = prepared.known
+        is_failed = ~(results.is_missing | (results.status == STATUSES.index("ok")))
         for place in sorted((Path(self.output) / RECORDS).glob("*.json")):
-            if place.stem.isdecimal() and int(place.stem) >= count:
-                images = _paths(self._record(int(place.stem)))
+            if not place.stem.isdecimal():
+                continue
+            index = int(place.stem)
+            if index >= len(results) or is_failed[index] or self._has_other(index, prepared):
+                images = _paths(self._record(index))
                 self._remove([*images, *_labels(images)])
                 place.unlink(missing_ok=True)
 
@@ -239,7 +244,7 @@ class Dataset(DatasetOptions, ExecutionOptions):
         results, folder = prepared.known, Path(self.output)
         facts = {"mjrun": __version__, "mujoco": mujoco.mj_versionString()}
         study_table(prepared.points, (), results, prepared.units).write(folder, facts)
-        self._remove_points_from(len(results))
+        self._remove_other_points(prepared)
         parts: dict[str, list[Mapping[str, Any]]] = {name: [] for name, share in self.split if share}
         rejected, earlier = 0, {*self._documents()}
         for index, result in enumerate(results):

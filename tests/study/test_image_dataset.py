@@ -151,6 +151,7 @@ def test_a_known_point_whose_lost_files_cannot_be_rendered_again_has_failed(
     (result,) = caught.value.results
     assert (result.statuses, result.failures[0].message) == ({"ok": 2, "failed": 1}, "no memory")
     assert sum(result.images.values()) == 2
+    assert len(records(folder)) == 2
     assert made(model, folder).rendered == 1
 
 
@@ -242,6 +243,15 @@ def test_a_point_that_fails_has_no_images_and_the_others_have(model: Path, tmp_p
     assert result.statuses == {"ok": 2, "failed": 1}
     assert "no object 'bxo'" in result.failures[0].message
     assert sum(result.images.values()) == 2
+
+
+def test_no_image_of_an_earlier_run_stays_in_place_of_a_point_that_fails(model: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "set"
+    made(model, folder, vary={"camera.lookat": "box,ball"}, format="coco,yolo")
+    for each in (folder, tmp_path / "new"):
+        with pytest.raises(FailedPointsError):
+            made(model, each, vary={"camera.lookat": "box,bxo"}, format="coco,yolo")
+    assert contents(folder) == contents(tmp_path / "new")
 
 
 @cases("options, message")
