@@ -41,6 +41,7 @@ from mjrun.platform import system
 from mjrun.shared_status import completing, note_folder, uninterrupted
 
 FRAME_NAME = "%06d.png"
+NUMBER = r"%(\d*)d"  # of a frame, in a pattern
 NAME_MAX = 255  # bytes in the name of a file
 
 
@@ -196,6 +197,11 @@ class StagedFrameFolder(_Staged):
         return (self._temporary.path / OLD).exists() and not self._target.exists()
 
 
+def frame_name(pattern: str, number: int) -> str:
+    """Returns the file name of a frame: the first `%d` or `%04d` of `pattern`, if any, becomes its number."""
+    return re.sub(NUMBER, lambda match: f"{number:{match[1] or 1}d}", pattern, count=1)
+
+
 class StagedFramePattern(_Staged):
     """Frames named by a pattern such as `frame_%04d.png`. Other files with matching names are left alone.
 
@@ -215,7 +221,7 @@ class StagedFramePattern(_Staged):
 
     def _check(self) -> None:
         folder = self._target.parent
-        self._before, self._width, self._after = re.split(r"%(\d*)d", self._target.name, maxsplit=1)
+        self._before, _, self._after = re.split(NUMBER, self._target.name, maxsplit=1)
         with one_at_a_time(folder), left_behind(folder, self._target) as leftovers:
             for path in leftovers:
                 if (path / MOVING).exists():
@@ -252,7 +258,7 @@ class StagedFramePattern(_Staged):
         return (self._temporary.path / MOVING).exists()
 
     def _place(self, number: int) -> Path:
-        return self._target.parent / f"{self._before}{number:{self._width or 1}d}{self._after}"
+        return self._target.parent / frame_name(self._target.name, number)
 
 
 class StandardOutput(Destination):

@@ -10,7 +10,7 @@ from mjrun.camera.script_poses import BoundCameraScript
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, option
 from mjrun.formats.calibration_writer import CalibrationEntry, CalibrationWriter
-from mjrun.formats.output_writer import FRAME_NAME
+from mjrun.formats.output_writer import FRAME_NAME, frame_name
 from mjrun.formats.segmentation_labels import labels_beside
 from mjrun.options.rendering import ViewOptions
 from mjrun.outputs.output import named_files
@@ -143,6 +143,7 @@ class CalibrationFile:
       motions: the motion of each camera.
       files: the image files that the calibration file refers to.
       numbers: whether depth is stored as 16-bit images.
+      is_numbered: whether the files are those of a video, which write a number for `%d` in their names.
 
     Raises:
       UsageError: the format cannot describe these cameras or files.
@@ -155,8 +156,11 @@ class CalibrationFile:
         motions: Sequence[BoundCameraScript],
         files: Sequence[VideoOrImageFile],
         numbers: bool,
+        *,
+        is_numbered: bool,
     ) -> None:
         assert options.calibration is not None
+        self._is_numbered = is_numbered
         self._folder, self._size = Path(options.calibration).parent, options.size
         self._names = camera_names(options)
         single = [(file.path, file.panels[0]) for file in files if len(file.panels) == 1]
@@ -181,8 +185,9 @@ class CalibrationFile:
             return ""
         if path.endswith("/") or not Path(path).suffix:
             path = str(Path(path) / FRAME_NAME)
-        name = Path(path).name
-        shown = Path(path).with_name(name % frame) if "%" in name else path  # a folder may have any name
+        shown = Path(path)
+        if self._is_numbered:  # the folder's name is literal
+            shown = shown.with_name(frame_name(shown.name, frame))
         return os.path.relpath(shown, self._folder)
 
 

@@ -170,7 +170,7 @@ class OpenImage(output.OpenOutput[ImageResult]):
         self._calibration: CalibrationFile | None = None
         if request.calibration is not None:
             numbers = any(file.view == "depth" and file.format == "png" for file in files)
-            self._calibration = CalibrationFile(request, frames.scene.motions, files, numbers)
+            self._calibration = CalibrationFile(request, frames.scene.motions, files, numbers, is_numbered=False)
             stack.enter_context(self._calibration.writer)
         self._pointcloud: PointCloudWriter | None = None
         if request.pointcloud is not None:

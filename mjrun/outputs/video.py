@@ -174,7 +174,9 @@ class OpenVideo(output.OpenOutput[VideoResult]):
         self._calibration: CalibrationFile | None = None
         if request.calibration is not None:
             numbers = request.style == "exact"
-            self._calibration = CalibrationFile(request, self._scene_plan.motions, request.encoded_files, numbers)
+            self._calibration = CalibrationFile(
+                request, self._scene_plan.motions, request.encoded_files, numbers, is_numbered=True
+            )
             stack.enter_context(self._calibration.writer)
 
     def choose_taps(self, event_steps: output.EventSteps) -> None:

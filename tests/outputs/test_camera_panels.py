@@ -258,6 +258,17 @@ def test_every_pixel_shows_what_mj_ray_meets_through_it(swing: Path, tmp_path: P
     assert alike == compared
 
 
+@pytest.mark.parametrize(
+    ("make", "name"),
+    [(Image, "100%.png"), (Image, "a%03d.png"), (Video, "5%_%03d.png"), (Video, "50%%_%d.png"), (Video, "10%/")],
+)
+def test_a_calibration_names_the_files_that_are_written(swing: Path, tmp_path: Path, make: type, name: str) -> None:
+    make(Simulation(swing, duration=0.1), f"{tmp_path}/{name}", size=(32, 24), calibration=f"{tmp_path}/c.json").run()
+    entries = json.loads((tmp_path / "c.json").read_text())["pictures"]
+    written = sorted(str(path.relative_to(tmp_path)) for path in tmp_path.glob("**/*.png"))
+    assert [entry["file"] for entry in entries] == written
+
+
 @cases("output, file")
 def test_a_calibration_names_the_file_of_each_frame_as_seen_from_its_folder(
     swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, output: str, file: str
@@ -270,7 +281,7 @@ def test_a_calibration_names_the_file_of_each_frame_as_seen_from_its_folder(
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     (pose,) = motion.poses([Simulation(swing).stepper(model).state()], [0.0], [0.0], [(0, 1)])
-    calibration = CalibrationFile(options, [motion], panel_files(options, output), numbers=False)
+    calibration = CalibrationFile(options, [motion], panel_files(options, output), numbers=False, is_numbered=True)
     with calibration.writer as writer:
         calibration.write([pose], 3, 0.25)
         writer.publish()
