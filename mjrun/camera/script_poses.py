@@ -1,5 +1,6 @@
 """The motion of a camera: a camera script bound to a model, and a pose for every frame."""
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby
 
@@ -16,6 +17,8 @@ from mjrun.errors import BadValueError, ModelError, UsageError, clean, concernin
 from mjrun.model.state import restore
 
 Span = tuple[float, float]
+
+ROLL = 5.0  # [deg] between the turns of a rolling camera at which the motion is kept in view; a margin covers the rest
 
 
 class BoundCameraScript:
@@ -166,8 +169,13 @@ class _BoundShot:
         """Returns an empty collection of points for a camera that shows all of it; None for other cameras."""
         if not isinstance(self.rig, BoundAutoRig):
             return None
-        fovy, frustum = self.shot.fovy, self.rig.frustum
-        return self.rig.outermost_points(frustum.opened(min(fovy.start, fovy.end)) if fovy else frustum, size)
+        fovy, frustum, roll = self.shot.fovy, self.rig.frustum, self.shot.roll
+        narrowest = frustum.opened(min(fovy.start, fovy.end)) if fovy else frustum
+        turn = min(abs(roll.end - roll.start), 360.0)  # after which the same images return
+        rolls = roll.start + math.copysign(1.0, roll.end - roll.start) * np.linspace(
+            0, turn, 1 + math.ceil(turn / ROLL)
+        )
+        return self.rig.outermost_points(narrowest, size, rolls.tolist())
 
     def aim_at_motion(self, outermost: OutermostPoints) -> str:
         """Moves the camera so that the surveyed motion is in view; returns a remark if it was not."""

@@ -3,7 +3,7 @@
 Of a bare model, the default camera is closer.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import ClassVar
 
@@ -214,12 +214,18 @@ class BoundAutoRig:
             return self._pose
         return replace(self._pose, position=self._pose.position + self._parts.center(data) - self._followed)
 
-    def outermost_points(self, frustum: Frustum, size: tuple[int, int]) -> "OutermostPoints | None":
-        """Returns an empty collection of points for images of `size` with this frustum; None if nothing can move."""
+    def outermost_points(
+        self, frustum: Frustum, size: tuple[int, int], rolls: Sequence[float] = (0.0,)
+    ) -> "OutermostPoints | None":
+        """Returns an empty collection of points for images of `size` with this frustum; None if nothing can move.
+
+        Args:
+          rolls: the turns around the axis of view at which images show all of it [deg], as in `CameraPose.rolled`.
+        """
         if self._parts is None or self._shown is None:
             return None
         free, least = replace(self._free, frustum=frustum), 0.0 if self._is_framed else 1.0
-        return OutermostPoints(self._parts, self._shown, free, size, least)
+        return OutermostPoints(self._parts, self._shown, free, size, least, rolls)
 
     def aim_at_motion(self, outermost: "OutermostPoints") -> str:
         """Moves the camera so that the surveyed motion is in view; returns a remark if it was not."""
@@ -242,16 +248,24 @@ class OutermostPoints:
       parts: what a camera that follows keeps in view.
       shown: what a still camera keeps in view.
       least: the least scale of the view, in that of the free camera.
+      rolls: the turns of the camera around its axis of view [deg].
 
     Attributes:
       start: the centre of mass at the first instant `(3,)` [m]; None before it.
     """
 
     def __init__(
-        self, parts: MovingParts, shown: MovingParts, free: CameraPose, size: tuple[int, int], least: float
+        self,
+        parts: MovingParts,
+        shown: MovingParts,
+        free: CameraPose,
+        size: tuple[int, int],
+        least: float,
+        rolls: Sequence[float] = (0.0,),
     ) -> None:
         self._parts, self._shown, self._free, self._size, self._least = parts, shown, free, size, least
-        self._directions = _directions(free, size)
+        self._rolled = [free.rolled(roll) for roll in rolls]
+        self._directions = np.concatenate([_directions(pose, size) for pose in self._rolled])
         self._still = np.full((len(self._directions), 3), np.nan)
         self._following = self._still.copy()
         self.start: np.ndarray | None = None
@@ -268,7 +282,7 @@ class OutermostPoints:
 
     def fits(self) -> bool:
         """Returns whether MuJoCo's free camera sees everything."""
-        return self.start is None or contains(self._free, self._still, self._size)
+        return self.start is None or all(contains(pose, self._still, self._size) for pose in self._rolled)
 
     def still(self) -> CameraPose | None:
         """Returns a pose from which everything stays in view; None if that is too far away."""
@@ -282,10 +296,11 @@ class OutermostPoints:
         return self._framed(self._following) or self._at_scale(self._free, FARTHEST)
 
     def _framed(self, points: np.ndarray) -> CameraPose | None:
-        pose, free = fitted(self._free, points, self._size, MARGIN), self._free
-        lengths = [each.frustum.fovy if each.frustum.orthographic else each.distance for each in (pose, free)]
-        scale = max(lengths[0] / lengths[1], self._least)
-        return self._at_scale(pose, scale) if scale <= FARTHEST else None
+        poses = [fitted(pose, points, self._size, MARGIN) for pose in self._rolled]  # all with the same middle
+        needed = max(map(_shown_length, poses))
+        scale = max(needed / _shown_length(self._free), self._least)
+        level = replace(poses[0], rotation=self._free.rotation)
+        return self._at_scale(level, scale) if scale <= FARTHEST else None
 
     def _at_scale(self, pose: CameraPose, scale: float) -> CameraPose:
         """Returns a pose with the same middle that shows `scale` times as much as the free camera."""
@@ -302,6 +317,11 @@ class OutermostPoints:
         """Returns, for each direction, the point that is farther in it."""
         old, new = ((each * self._directions).sum(axis=1) for each in (points, others))
         return np.where((new > old) | np.isnan(old), others.T, points.T).T
+
+
+def _shown_length(pose: CameraPose) -> float:
+    """Returns the length that what a camera shows is proportional to [m]: its distance; its height if orthographic."""
+    return pose.frustum.fovy if pose.frustum.orthographic else pose.distance
 
 
 def _directions(pose: CameraPose, size: tuple[int, int]) -> np.ndarray:

@@ -9,7 +9,7 @@ import pytest
 from mjrun.camera.pose import CameraPose, lens
 from mjrun.camera.rigs.free_camera import FARTHEST, AutoRig
 from mjrun.camera.rigs.rig import MujocoCameras
-from mjrun.camera.script import CameraScript, EasedNumber, Shot
+from mjrun.camera.script import LEVEL, CameraScript, EasedNumber, Shot
 from mjrun.camera.script_poses import BoundCameraScript
 from mjrun.camera.targets import object_bounds
 from mjrun.model.state import save
@@ -46,11 +46,11 @@ def framed(
     rig: AutoRig | None = None,
     *,
     is_framed: bool = False,
+    roll: EasedNumber = LEVEL,
 ) -> tuple[list[CameraPose], list[str]]:
     """Returns the pose for each state, and the remarks."""
-    motion = BoundCameraScript(
-        CameraScript("auto", (Shot(rig or AutoRig(), fovy=fovy),)), model, SIZE, is_framed=is_framed
-    )
+    shot = Shot(rig or AutoRig(), fovy=fovy, roll=roll)
+    motion = BoundCameraScript(CameraScript("auto", (shot,)), model, SIZE, is_framed=is_framed)
     times = np.arange(len(states), dtype=float).tolist()
     spans = [(0.0, times[-1])]
     remarks = motion.aim_at_motion(states, times, spans)
@@ -90,6 +90,23 @@ def test_every_corner_stays_in_view_of_a_still_camera(
     assert len({pose.position.tobytes() for pose in poses}) == 1
     assert len(remarks) == 1
     assert "whole motion" in remarks[0]
+
+
+@pytest.mark.parametrize(
+    "roll", [EasedNumber.still(90), EasedNumber.still(-37), EasedNumber(20, 160), EasedNumber(0, -900)]
+)
+@pytest.mark.parametrize("view", ["", 'orthographic="true" fovy="1.2"'])
+@pytest.mark.parametrize("is_framed", [False, True])
+def test_every_corner_stays_in_view_of_a_camera_that_rolls(roll: EasedNumber, view: str, is_framed: bool) -> None:
+    model = compiled(view)
+    model.geom_pos[1] = 0, 0, 0  # within the box
+    for way in ((0.6, -0.5, 0), (0.1, 0.2, 0.6)):
+        states = states_of(model, way, count=97)
+        poses, _ = framed(model, states, is_framed=is_framed, roll=roll)
+        assert poses[-1].angles[2] == pytest.approx((roll.end + 180) % 360 - 180, abs=1e-6)
+        for state, pose in zip(states, poses, strict=True):
+            found = pixels(model, state, pose)
+            assert ((found >= 0) & (found <= SIZE)).all()
 
 
 def test_a_motion_that_mujoco_shows_whole_is_seen_by_its_camera() -> None:
