@@ -343,7 +343,16 @@ def parse_camera(text: str, model: mujoco.MjModel) -> CameraScript:
         shot = Shot(_model_camera(text, model, cameras))
     else:
         shot = _RigArgument(rig).shot([part for part in rest.split(",") if part])
-    return CameraScript(text.partition(",")[0], (shot,))
+    name = text if isinstance(shot.rig, ModelRig) else short_name(text)
+    return CameraScript(name, (shot,))
+
+
+def short_name(camera: object) -> str:
+    """Returns the name of a script or of a camera argument: a rig's without settings after the first."""
+    if isinstance(camera, CameraScript):
+        return camera.name
+    text = str(camera)
+    return text.partition(",")[0] if text.partition(":")[0] in RIG_EXAMPLES else text  # a name may hold a comma
 
 
 def _model_camera(text: str, model: mujoco.MjModel, cameras: list[str]) -> ModelRig:

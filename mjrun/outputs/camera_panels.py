@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from mjrun.camera.pose import CameraPose, lens
-from mjrun.camera.script import CameraScript
+from mjrun.camera.script import CameraScript, short_name
 from mjrun.camera.script_poses import BoundCameraScript
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, option
@@ -52,9 +52,12 @@ class VideoOrImageFile:
 
 
 def camera_names(options: ViewOptions) -> list[str]:
-    """Returns the names of the cameras."""
-    cameras = options.camera
-    return [camera.name if isinstance(camera, CameraScript) else str(camera).partition(",")[0] for camera in cameras]
+    """Returns the names of the cameras: arguments in full where the short names of several are equal."""
+    short = [short_name(camera) for camera in options.camera]
+    return [
+        name if short.count(name) == 1 or isinstance(camera, CameraScript) else str(camera)
+        for name, camera in zip(short, options.camera, strict=True)
+    ]
 
 
 def panels_of(options: ViewOptions) -> list[CameraPanel]:

@@ -146,7 +146,7 @@ class EpisodeSpec:
 
 def camera_keys(cameras: Sequence[object]) -> tuple[str, ...]:
     """Returns a name for each camera that paths and names of features can contain, each only once."""
-    from mjrun.camera.script import CameraScript  # which only datasets need
+    from mjrun.camera.script import short_name  # which only datasets need
 
-    names = [each.name if isinstance(each, CameraScript) else str(each).partition(",")[0] for each in cameras]
+    names = map(short_name, cameras)
     return tuple(distinct(re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_") or "camera" for name in names))

@@ -258,6 +258,25 @@ def test_every_pixel_shows_what_mj_ray_meets_through_it(swing: Path, tmp_path: P
     assert alike == compared
 
 
+def test_cameras_are_named_apart_in_calibrations(tmp_path: Path) -> None:
+    model = tmp_path / "m.xml"
+    cameras = "".join(f'<camera name="{name}" pos="0 0 {z}"/>' for name, z in (("top,left", 1), ("top,right", 2)))
+    model.write_text(f'<mujoco><worldbody><geom name="box" size=".1"/>{cameras}</worldbody></mujoco>')
+    orbits = ["orbit:lookat=box,distance=1", "orbit:lookat=box,distance=2"]
+    chosen = ["top,left", "top,right", *orbits, "free:azimuth=10,elevation=0"]
+    Image(
+        Simulation(model),
+        f"{tmp_path}/i.png",
+        size=(32, 24),
+        camera=chosen,
+        calibration=f"{tmp_path}/c.json",
+        stage="none",
+    ).run()
+    entries = json.loads((tmp_path / "c.json").read_text())["pictures"]
+    assert [entry["camera"] for entry in entries] == [*chosen[:4], "free:azimuth=10"]
+    assert [entry["world_from_camera"][2][3] for entry in entries[:2]] == [1, 2]
+
+
 @pytest.mark.parametrize(
     ("make", "name"),
     [(Image, "100%.png"), (Image, "a%03d.png"), (Video, "5%_%03d.png"), (Video, "50%%_%d.png"), (Video, "10%/")],
