@@ -214,7 +214,7 @@ def signals_of_the_other_side(context: CheckContext) -> Iterator[Violation]:
 def sensors_of_fixed_bodies(context: CheckContext) -> Iterator[Violation]:
     """Yields the first sensor of velocities or accelerations on a body that is fixed to the world.
 
-    Models whose world has no geoms are parts of scenes, in which they may move.
+    One that measures relative to an object that moves is left out. Models whose world has no geoms are parts of scenes, in which they may move.
     """
     model = context.model
     fixed = [i for i in range(model.nsensor) if _is_motionless(model, i)] if model.body_geomnum[0] else []
@@ -227,13 +227,26 @@ def sensors_of_fixed_bodies(context: CheckContext) -> Iterator[Violation]:
 
 
 def _is_motionless(model: mujoco.MjModel, sensor: int) -> bool:
-    """Returns whether a sensor measures the motion of a body other than the world that is fixed to the world."""
+    """Returns whether a sensor measures the motion of a body other than the world that is fixed to the world, relative
+    to something that is fixed, too.
+    """
     if int(model.sensor_type[sensor]) not in MOTION:
         return False
-    kind, target = KIND_OF.get(int(model.sensor_objtype[sensor]), ""), int(model.sensor_objid[sensor])
-    body = target if kind == "body" else int(getattr(model, OWNERS[kind])[target]) if kind in OWNERS else 0
-    mocap = model.body_mocapid[model.body_rootid[body]] >= 0
-    return bool(body and not model.body_weldid[body] and not mocap)
+    body = _body(model, int(model.sensor_objtype[sensor]), int(model.sensor_objid[sensor]))
+    reference = 0
+    if model.sensor_refid[sensor] >= 0:
+        reference = _body(model, int(model.sensor_reftype[sensor]), int(model.sensor_refid[sensor]))
+    return bool(body) and None not in (body, reference) and not any(_moves(model, each) for each in (body, reference))
+
+
+def _body(model: mujoco.MjModel, obj: int, index: int) -> int | None:
+    """Returns the body of an object of the type `obj`; None for a camera, which may move by itself."""
+    kind = KIND_OF.get(obj, "")
+    return index if kind == "body" else int(getattr(model, OWNERS[kind])[index]) if kind in OWNERS else None
+
+
+def _moves(model: mujoco.MjModel, body: int) -> bool:
+    return bool(model.body_weldid[body] or model.body_mocapid[model.body_rootid[body]] >= 0)
 
 
 def _targets(model: mujoco.MjModel) -> Iterator[tuple[str, int, str, int]]:

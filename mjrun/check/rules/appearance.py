@@ -40,11 +40,11 @@ def missing_light(context: CheckContext) -> Iterator[Violation]:
 @rule("MJ603", "note", "geoms that flicker")
 def coincident_geoms(context: CheckContext) -> Iterator[Violation]:
     """Yields the first visible geom with the same surface as another one of the same body in another colour."""
-    model = context.model
+    model, alpha = context.model, _alpha(context.model)
     seen: dict[tuple[float, ...], int] = {}
     pairs: list[tuple[int, int]] = []
     for geom in range(model.ngeom):
-        if model.geom_group[geom] >= VISIBLE_GROUPS or not model.geom_rgba[geom, 3]:
+        if model.geom_group[geom] >= VISIBLE_GROUPS or alpha[geom] <= 0:
             continue
         kind = (model.geom_bodyid[geom], model.geom_type[geom], model.geom_dataid[geom])
         shape = (*model.geom_size[geom], *model.geom_pos[geom], *model.geom_quat[geom])
@@ -171,7 +171,8 @@ def _edges(model: mujoco.MjModel, camera: int, orthographic: bool) -> tuple[floa
     if model.cam_sensorsize[camera].all():
         fx, fy, cx, cy = model.cam_intrinsic[camera]
         width, height = model.cam_sensorsize[camera] / 2
-        return ((cx - width) / fx, (cx + width) / fx, (cy - height) / fy, (cy + height) / fy)
+        # The middle of the image is to the right of the axis by cx, and below it by cy, as in mjv_cameraFrustum.
+        return ((cx - width) / fx, (cx + width) / fx, -(cy + height) / fy, (height - cy) / fy)
     fovy = float(model.cam_fovy[camera])
     half = fovy / 2 if orthographic else float(np.tan(np.radians(fovy) / 2))
     pixels = model.cam_resolution[camera]

@@ -15,6 +15,7 @@ SENSORS = [
     *(f'<{kind} site="s"/>' for kind in ("gyro", "accelerometer", "velocimeter")),
     *(f'<frame{kind} objtype="site" objname="s"/>' for kind in ("linvel", "angvel", "linacc", "angacc")),
     *('<gyro site="leg"/>', '<jointvel joint="j"/>', '<framelinvel objtype="body" objname="leg"/>'),
+    *(f'<framelinvel objtype="site" objname="s" reftype="site" refname="{name}"/>' for name in ("leg", "still")),
 ]
 
 
@@ -111,7 +112,7 @@ def test_forces_that_add_energy_let_a_small_velocity_grow(gains: str, sign: int)
 @pytest.mark.parametrize("sensor", SENSORS)
 def test_sensors_of_motion_are_reported_where_they_never_change(sensor: str, joint: str) -> None:
     leg = '<joint name="j" axis="0 1 0"/><geom size=".1" pos=".1 0 0"/><site name="leg"/>'
-    base = f'{joint}<geom size=".1" pos=".2 .1 0"/><site name="s"/><body name="leg" pos=".3 0 0">{leg}</body>'
+    base = f'{joint}<geom size=".1" pos=".2 .1 0"/><site name="s"/><site name="still" pos=".1 0 0"/><body name="leg" pos=".3 0 0">{leg}</body>'
     text = mjcf(f'<geom type="plane" size="1 1 1"/><body pos="0 0 9">{base}</body>', f"<sensor>{sensor}</sensor>")
     model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)

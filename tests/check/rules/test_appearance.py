@@ -50,6 +50,13 @@ def test_geoms_flicker_where_their_surfaces_are_the_same_and_their_colours_are_n
     assert codes(BOX.format("a", 0, "") + other) == found
 
 
+def test_a_geom_that_its_material_hides_flickers_with_none() -> None:
+    material = '<asset><material name="m" rgba="1 0 0 {}"/></asset>'
+    other = '<geom name="b" type="box" size="1 2 3" material="m"/>'
+    for alpha, found in ((1, ["MJ603"]), (0, [])):
+        assert codes(BOX.format("a", 0, "") + other, material.format(alpha)) == found
+
+
 def looking(camera: str, geom: str = 'pos="0 0 -3" size=".1"') -> str:
     return mjcf(f'<geom {geom}/>\n<camera name="eye" {camera}/>')
 
@@ -132,6 +139,21 @@ def test_a_camera_in_a_geom_sees_what_mujoco_draws_of_it_and_through_it(geom: st
         drawn = bool((renderer.render()[..., 0] >= 0).any())
     assert ["MJ601" for _ in range(not drawn)] == [f.code for f in findings if f.code == "MJ601"]
     assert all("it is inside geom 'skull'" in f.message for f in findings)
+
+
+@pytest.mark.parametrize("principal", ["0 .004", "0 -.004", ".004 0", "-.004 0"])
+@pytest.mark.parametrize("place", ["0 .5", "0 -.5", ".5 0", "-.5 0"])
+def test_a_camera_whose_image_is_shifted_sees_what_mujoco_draws(principal: str, place: str) -> None:
+    intrinsics = f'resolution="100 100" sensorsize=".01 .01" focal=".01 .01" principal="{principal}"'
+    findings = lint(looking(f'zaxis="0 0 1" {intrinsics}', f'pos="{place} -1" size=".1"'))
+    model = load(Path("model.xml"))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    with mujoco.Renderer(model, 32, 32) as renderer:
+        renderer.enable_segmentation_rendering()
+        renderer.update_scene(data, "eye")
+        drawn = bool((renderer.render()[..., 0] >= 0).any())
+    assert [f.code for f in findings] == ["MJ601" for _ in range(not drawn)]
 
 
 @pytest.mark.parametrize(
