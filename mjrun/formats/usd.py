@@ -38,6 +38,7 @@ TENTHS = 10.0  # units of the aperture of orthographic cameras in a metre
 LAMP = 0.01  # radius of lights with a place [m]
 UNIMPORTANT = "Unable to set permissions"  # a warning about temporary files of confined processes
 MODIFIED = (1980, 1, 1, 0, 0, 0, 0, 0, -1)  # local time of the files in a package: the same bytes at any time
+LINES_LEFT_OUT = "lines, such as the rays of rangefinders, are left out; .glb holds them"
 JUST_BEFORE = 1e-3  # frames before a change at which a value that does not move linearly is repeated
 
 
@@ -119,6 +120,8 @@ class _Writer:
             prim = UsdGeom.Mesh.Define(self.stage, path)
             self._set_mesh(prim, node, shapes)
         else:
+            if node.mesh is not None and LINES_LEFT_OUT not in self.remarks:
+                self.remarks.append(LINES_LEFT_OUT)
             prim = UsdGeom.Xform.Define(self.stage, path)
         _pose(prim, node)
         if not node.visible:
@@ -134,10 +137,11 @@ class _Writer:
         assert mesh is not None
         if shapes is not None:
             _set_vertices(prim, mesh)
-            points, normals = prim.GetPointsAttr(), prim.GetNormalsAttr()
+            points, normals, extent = prim.GetPointsAttr(), prim.GetNormalsAttr(), prim.GetExtentAttr()
             for frame, positions, turned in zip(shapes.frames, shapes.positions, shapes.normals, strict=True):
                 points.Set(Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(positions)), float(frame))
                 normals.Set(Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(turned)), float(frame))
+                extent.Set(_extent(positions), float(frame))
         else:
             if mesh not in self._meshes:
                 place = self._unique(MESHES, mesh.name)
@@ -277,12 +281,17 @@ def _set_vertices(prim: Any, mesh: Mesh) -> None:
     prim.CreateFaceVertexCountsAttr(Vt.IntArray([3] * len(mesh.faces)))
     prim.CreateFaceVertexIndicesAttr(Vt.IntArray(mesh.faces.ravel().tolist()))
     prim.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
-    prim.CreateExtentAttr([Gf.Vec3f(*corner(mesh.positions, axis=0).tolist()) for corner in (np.min, np.max)])
+    prim.CreateExtentAttr(_extent(mesh.positions))
     if mesh.uv is not None:  # counted from the last row of the texture
         st = np.column_stack([mesh.uv[:, 0], 1 - mesh.uv[:, 1]]).astype(np.float32)
         primvars = UsdGeom.PrimvarsAPI(prim)
         made = primvars.CreatePrimvar("st", Sdf.ValueTypeNames.TexCoord2fArray, UsdGeom.Tokens.vertex)
         made.Set(Vt.Vec2fArray.FromNumpy(np.ascontiguousarray(st)))
+
+
+def _extent(positions: np.ndarray) -> list[Any]:
+    """Returns the lowest and the highest corner of the box around points `(n, 3)`."""
+    return [Gf.Vec3f(*corner(positions, axis=0).tolist()) for corner in (np.min, np.max)]
 
 
 def _pose(prim: Any, node: Node) -> None:

@@ -189,9 +189,18 @@ def test_vertices_that_move_have_samples_and_skins_are_left_out(tmp_path: Path) 
     skin = Skin([1], np.eye(4)[None], np.zeros((count, 4), int), np.eye(4)[np.zeros(count, int)])
     nodes = [*NODES, Node("fur", "skin", 0, 0, mesh=BALL, skin=skin)]
     stage, remarks = stage_of(tmp_path, SceneGraph(nodes), motion)
-    points = UsdGeom.Mesh(stage.GetPrimAtPath("/World/ball")).GetPointsAttr()
-    assert np.allclose(points.Get(1.5), 1.5 * BALL.positions, atol=1e-6)
+    ball = UsdGeom.Mesh(stage.GetPrimAtPath("/World/ball"))
+    assert np.allclose(ball.GetPointsAttr().Get(1.5), 1.5 * BALL.positions, atol=1e-6)
+    for frame in (0.0, 1.5, 3.0):
+        around = UsdGeom.Boundable.ComputeExtentFromPlugins(ball, frame)
+        assert np.allclose(ball.GetExtentAttr().Get(frame), around, atol=1e-6)
     assert [remark for remark in remarks if "fur" in remark]
+
+
+def test_lines_are_left_out_with_a_remark(tmp_path: Path) -> None:
+    rays = [Node(f"ray {number}", "decoration", -1, 0, mesh=meshes.line(), material=RED) for number in range(2)]
+    _, remarks = stage_of(tmp_path, SceneGraph([*NODES, *rays]))
+    assert [".glb" in remark for remark in remarks] == [True]
 
 
 @pytest.mark.parametrize("name", ['"}\n<script>', "x" * 300, "1st/../body", "ÄÖ", ""])
