@@ -214,7 +214,8 @@ def signals_of_the_other_side(context: CheckContext) -> Iterator[Violation]:
 def sensors_of_fixed_bodies(context: CheckContext) -> Iterator[Violation]:
     """Yields the first sensor of velocities or accelerations on a body that is fixed to the world.
 
-    One that measures relative to an object that moves is left out. Models whose world has no geoms are parts of scenes, in which they may move.
+    One that measures relative to an object that moves is left out. Models whose world has no geoms are parts of scenes,
+    in which they may move.
     """
     model = context.model
     fixed = [i for i in range(model.nsensor) if _is_motionless(model, i)] if model.body_geomnum[0] else []
@@ -233,14 +234,16 @@ def _is_motionless(model: mujoco.MjModel, sensor: int) -> bool:
     if int(model.sensor_type[sensor]) not in MOTION:
         return False
     body = _body(model, int(model.sensor_objtype[sensor]), int(model.sensor_objid[sensor]))
-    reference = 0
+    reference: int | None = 0
     if model.sensor_refid[sensor] >= 0:
         reference = _body(model, int(model.sensor_reftype[sensor]), int(model.sensor_refid[sensor]))
-    return bool(body) and None not in (body, reference) and not any(_moves(model, each) for each in (body, reference))
+    if not body or reference is None:
+        return False
+    return not _moves(model, body) and not _moves(model, reference)
 
 
 def _body(model: mujoco.MjModel, obj: int, index: int) -> int | None:
-    """Returns the body of an object of the type `obj`; None for a camera, which may move by itself."""
+    """Returns the body of an object of the type `obj`; None for other kinds, such as cameras."""
     kind = KIND_OF.get(obj, "")
     return index if kind == "body" else int(getattr(model, OWNERS[kind])[index]) if kind in OWNERS else None
 

@@ -243,10 +243,11 @@ def impossible_inertias(context: CheckContext) -> Iterator[Violation]:
     exceed the square of how far the mass reaches. That is unknown for links of a URDF without <collision>.
     """
     model = context.model
+    inferred = bodies_with_inferred_mass(context)  # even with an <inertial> if the compiler says so
     moves = (model.body_weldid != 0) | (model.nv == 0)  # without joints, it is a part of other models
     heaviest = model.body_mass[moves].max(initial=0)
     most_inert = model.body_inertia[moves].max(initial=0)
-    for body in [b.id for b in context.spec.bodies if b.explicitinertial] if context.spec else ():
+    for body in [b.id for b in context.spec.bodies if b.id not in inferred] if context.spec else ():
         heavy = model.body_mass[body] > NEGLIGIBLE * heaviest
         inert = model.body_inertia[body].max() > NEGLIGIBLE * most_inert
         if not (moves[body] and model.body_mass[body] > 0 and (heavy or inert)):

@@ -110,11 +110,18 @@ def starts_beyond_range(context: CheckContext) -> Iterator[Violation]:
         else:
             remedy = f"start from {context.object('keyframe', within)} with {option('key')}"
             yield context.violation("joint", joint, message, remedy, "note")
-    for tendon in map(int, np.flatnonzero(model.tendon_limited)):
-        if beyond := beyond_span(float(context.data_at(None).ten_length[tendon]), model.tendon_range[tendon], "m"):
-            message = f"it starts {beyond}, and is pulled back from the first step on"
-            remedy = f"choose a range that includes its initial length, or start from a keyframe with {option('key')}"
-            yield context.violation("tendon", tendon, message, remedy, "note")  # usually a taut string
+    for tendon, beyond in tendons_beyond_range(context).items():
+        message = f"it starts {beyond}, and is pulled back from the first step on"
+        remedy = f"choose a range that includes its initial length, or start from a keyframe with {option('key')}"
+        yield context.violation("tendon", tendon, message, remedy, "note")  # usually a taut string
+
+
+def tendons_beyond_range(context: CheckContext) -> dict[int, str]:
+    """Returns the limited tendons that are beyond their range at the initial state, each with its position."""
+    model, lengths = context.model, context.data_at(None).ten_length
+    limited = map(int, np.flatnonzero(model.tendon_limited))
+    positions = {each: beyond_span(float(lengths[each]), model.tendon_range[each], "m") for each in limited}
+    return {tendon: beyond for tendon, beyond in positions.items() if beyond}
 
 
 def joints_beyond_range(context: CheckContext, start: int | None) -> list[int]:

@@ -16,7 +16,7 @@ from mjrun.check.context import CheckContext
 from mjrun.check.rule import UNSAFE, Finding, Fix, Rule, Violation, rule, words_fix
 from mjrun.check.rules.contacts import deep_penetrations, filled_mesh
 from mjrun.check.rules.decomposition_fix import decomposed
-from mjrun.check.rules.limits import joints_beyond_range
+from mjrun.check.rules.limits import joints_beyond_range, tendons_beyond_range
 from mjrun.errors import SimulationError, UnstableError, clean
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.names import FREE, KINDS
@@ -32,6 +32,8 @@ KNOWN_BUG = Rule("MJ705", "note", "known bug of the installed MuJoCo")
 CODES = frozenset(rule.code for rule in (UNSTABLE, ENERGY_GAIN, WARNING, FAILED_STEP, KNOWN_BUG))
 
 SAMPLES = 25  # of the energy
+EQUALITY = int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)
+APART = 1e-3  # of an equality that does not hold [m, rad]
 ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
 UPRIGHT = 0.99  # the least vertical part of the normal of a floor
 DECIMALS = 6  # of heights [m]
@@ -69,10 +71,16 @@ def _step(context: CheckContext, steps: int) -> Iterator[Finding]:
     for text in warnings:
         line = "; ".join(text.split("\n"))
         yield WARNING.in_model(context.path, f"within {steps} steps MuJoCo warns: {line}")
-    # A joint beyond its range and geoms that penetrate each other store energy; other rules report them.
-    strained = joints_beyond_range(context, None) or deep_penetrations(context, None)
-    if passive and not strained and _conserves_energy(context.model):
+    if passive and not _is_strained(context) and _conserves_energy(context.model):
         yield from _energy_gain(context, np.array(energies))
+
+
+def _is_strained(context: CheckContext) -> bool:
+    """Returns whether constraints store energy at the start, such as joints beyond a range; other rules report them."""
+    data = context.data_at(None)
+    apart = abs(data.efc_pos[data.efc_type == EQUALITY]).max(initial=0.0)
+    beyond = joints_beyond_range(context, None) or tendons_beyond_range(context)
+    return bool(beyond or apart > APART or deep_penetrations(context, None))
 
 
 @contextmanager
@@ -346,7 +354,8 @@ def _lifted(context: CheckContext, key: int, pairs: Collection[tuple[int, int]])
     for contact in context.data_at(key).contact:
         pair = tuple(map(int, contact.geom))
         floors = [geom for geom in pair if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE]
-        if pair not in pairs or len(floors) != 1 or abs(contact.frame[2]) < UPRIGHT:
+        upwards = contact.frame[2] if floors == [pair[0]] else -contact.frame[2]
+        if pair not in pairs or len(floors) != 1 or upwards < UPRIGHT:
             continue
         body = int(model.geom_bodyid[next(geom for geom in pair if geom != floors[0])])
         joint = int(model.body_jntadr[model.body_rootid[body]])
@@ -355,6 +364,6 @@ def _lifted(context: CheckContext, key: int, pairs: Collection[tuple[int, int]])
             heights[address] = max(heights.get(address, 0.0), -float(contact.dist))
     lifted = {address: model.key_qpos[key, address] + height for address, height in heights.items()}
     if not heights:
-        return "only a floating body that penetrates a horizontal plane can be lifted"
+        return "only a floating body that penetrates a horizontal plane from above can be lifted"
     words = {address: number_word(round(height + 0.5 * 10**-DECIMALS, DECIMALS)) for address, height in lifted.items()}
     return words_fix(context, context.element("keyframe", key), "qpos", words, "key_qpos")

@@ -112,7 +112,8 @@ def test_forces_that_add_energy_let_a_small_velocity_grow(gains: str, sign: int)
 @pytest.mark.parametrize("sensor", SENSORS)
 def test_sensors_of_motion_are_reported_where_they_never_change(sensor: str, joint: str) -> None:
     leg = '<joint name="j" axis="0 1 0"/><geom size=".1" pos=".1 0 0"/><site name="leg"/>'
-    base = f'{joint}<geom size=".1" pos=".2 .1 0"/><site name="s"/><site name="still" pos=".1 0 0"/><body name="leg" pos=".3 0 0">{leg}</body>'
+    own = '<geom size=".1" pos=".2 .1 0"/><site name="s"/><site name="still" pos=".1 0 0"/>'
+    base = f'{joint}{own}<body name="leg" pos=".3 0 0">{leg}</body>'
     text = mjcf(f'<geom type="plane" size="1 1 1"/><body pos="0 0 9">{base}</body>', f"<sensor>{sensor}</sensor>")
     model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)

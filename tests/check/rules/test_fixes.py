@@ -1,12 +1,14 @@
 """Theorems about the fix of each rule: the text after it, the compiled model, and whether it changes how that moves."""
 
+from pathlib import Path
+
 import mujoco
 import numpy as np
 import pytest
 
 from mjrun.check.rules import mjcf_schema
 from tests.cases import cases
-from tests.check.fixes import fixed
+from tests.check.fixes import fixed, fixing
 from tests.check.models import hinged, keyed, mjcf
 
 MOTOR = '<actuator><motor name="m" joint="j" {}/></actuator>'
@@ -114,6 +116,14 @@ def test_a_keyframe_is_lifted_out_of_the_floor() -> None:
     model = mujoco.MjModel.from_xml_string(fixed(text, unsafe=True))
     assert model.key_qpos[0, 2] == pytest.approx(0.1, abs=2e-6)
     assert 'qpos="5 0 0.1' in fixed(text, unsafe=True)
+
+
+def test_a_keyframe_is_not_lifted_into_a_ceiling() -> None:
+    world = f'<geom type="plane" size="1 1 1" pos="0 0 2" zaxis="0 0 -1"/>{BALLS.format("a", 1)}'
+    text = mjcf(world, '<keyframe><key qpos="5 0 2.2  1 0 0 0"/></keyframe>')
+    Path("model.xml").write_text(text)
+    codes = [finding.code for finding in fixing("model.xml", unsafe=True).results[0].findings]  # type: ignore[attr-defined]
+    assert (codes, Path("model.xml").read_text()) == (["MJ501"], text)
 
 
 @pytest.mark.parametrize("orientation", ["", 'euler="0 0 90"', 'quat="0 1 0 0"'])

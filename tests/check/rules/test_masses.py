@@ -87,6 +87,13 @@ def test_the_geoms_of_a_body_and_of_those_welded_to_it_decide(inner: str, geom: 
     assert [f.object for f in lint(model) if f.code == "MJ206"] == ["body 'b'"] * reported
 
 
+@pytest.mark.parametrize(("compiler", "reported"), [("", True), ('<compiler inertiafromgeom="true"/>', False)])
+def test_an_inertia_that_mujoco_infers_nevertheless_is_not_judged(compiler: str, reported: bool) -> None:
+    inner = inertial(1, np.full(3, 0.001))
+    model = mjcf(body(inner, 'type="box" size="1 1 1" mass="0"/><geom size="0.1"'), before=compiler)
+    assert [f.object for f in lint(model) if f.code == "MJ206"] == ["body 'b'"] * reported
+
+
 @pytest.mark.parametrize(("factor", "reported"), [(0.9, True), (1.1, False)])
 def test_a_sphere_is_compared_with_a_solid_sphere(factor: float, reported: bool) -> None:
     inertia = factor * Thresholds.min_inertia_share * 2 / 5 * 0.1**2

@@ -12,6 +12,10 @@ from mjrun.check.rules import simulation
 from mjrun.model.xml_source import read_xml
 from tests.check.models import PASSIVE, write
 
+# A ball half a metre below a site of the world.
+HUNG = """<mujoco><worldbody><site name="w" pos="0 0 3"/><body pos="0 0 2.5"><freejoint/><geom size=".05"/>
+<site name="s"/></body></worldbody>{}</mujoco>"""
+
 
 def moved(text: str, steps: int = 200, thresholds: Thresholds = DEFAULTS) -> dict[str, str]:
     """Codes and messages of what motion shows."""
@@ -52,10 +56,16 @@ def test_an_unstable_simulation_is_an_error_at_the_step_that_a_bare_loop_finds()
         (swinging('axis="0 1 0" damping=".1"'), False),
         (swinging('axis="0 1 0" damping="-20"'), True),
         (swinging('type="slide" axis="0 0 1"', world='<geom name="in" size=".5" pos="1 0 -.2"/>'), False),
+        (HUNG.format('<tendon><spatial range="0 .3"><site site="w"/><site site="s"/></spatial></tendon>'), False),
+        (HUNG.format('<equality><connect site1="w" site2="s"/></equality>'), False),
+        (HUNG.format("").replace("<freejoint/>", '<joint type="slide" damping="-20"/>'), True),
         (swinging('axis="0 1 0" damping="-20"').replace('name="b"', 'name="b" gravcomp="1"'), False),
         (swinging('axis="0 1 0" damping="-20"', 'wind="1 0 0"'), False),
     ],
-    ids=["free", "damped", "driven by damping", "pushed out, which MJ501 reports", "with gravcomp", "in wind"],
+    ids=[
+        *("free", "damped", "driven by damping", "pushed out, which MJ501 reports", "pulled by a tendon"),
+        *("pulled by an equality", "hung, and driven by damping", "with gravcomp", "in wind"),
+    ],
 )
 def test_energy_that_grows_with_nothing_to_drive_it_is_reported(text: str, gains: bool) -> None:
     assert ("MJ702" in moved(text)) == gains
