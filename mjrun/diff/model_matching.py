@@ -16,7 +16,16 @@ import mujoco
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.model.fields import ModelField, array, as_rows, model_fields, referred_kinds
+from mjrun.model.fields import (
+    STRETCHES,
+    ModelField,
+    array,
+    as_rows,
+    model_fields,
+    referred_kinds,
+    stretch,
+    stretch_kind,
+)
 from mjrun.model.names import COUNTS, KIND_OF, KIND_OF_COUNT, KINDS, QPOS_COMPONENTS, QUATERNION, QVEL_COMPONENTS
 
 
@@ -92,6 +101,8 @@ class ModelObjects:
         if (kind, whole) not in self._keys:
             fields = [f for f in model_fields() if f.rows == COUNTS[kind] and not f.computed]
             columns = [self._column(f) for f in fields if f.name != PARENTS.get(kind) and (whole or self._is_coarse(f))]
+            stretches = [f for f in model_fields() if f.rows in STRETCHES and stretch_kind(f.rows) == kind]
+            columns += [self._references(f, kind) for f in stretches if referred_kinds(self.model, f.name) is not None]
             self._keys[kind, whole] = [*zip(*columns, strict=True)] if columns else [()] * len(self.names[kind])
         return self._keys[kind, whole]
 
@@ -104,6 +115,14 @@ class ModelObjects:
             return [row.tobytes() for row in values]
         rows = zip(as_rows(values).tolist(), as_rows(kinds).tolist(), strict=True)
         return [tuple(self._token(k, i) for i, k in zip(row, of, strict=True)) for row, of in rows]
+
+    def _references(self, field: ModelField, kind: str) -> list[Hashable]:
+        """Returns the names of all objects that each object refers to in its rows of a field, as in its path."""
+        values, kinds = array(self.model, field.name), referred_kinds(self.model, field.name)
+        assert kinds is not None
+        rows = zip(as_rows(values).tolist(), as_rows(kinds).tolist(), strict=True)
+        tokens = [tuple(self._token(k, i) for i, k in zip(row, of, strict=True) if k) for row, of in rows]
+        return [tuple(tokens[stretch(self.model, field.rows, i)]) for i in range(len(self.names[kind]))]
 
     def _token(self, obj: int, index: float) -> Hashable:
         """Returns the name of the object that an id refers to; the number itself if it is not an id."""

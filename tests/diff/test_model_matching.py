@@ -40,6 +40,21 @@ def test_objects_are_matched_by_name_then_equality_then_order(a: str, b: str, ma
     assert pairs(model(*a.split()), model(*b.split())) == matched
 
 
+def test_unnamed_tendons_of_other_lengths_are_matched_by_their_paths() -> None:
+    def ropes(*lengths: float) -> mujoco.MjModel:
+        sites = "".join(f'<site name="s{i}" pos="{i} 0 0"/>' for i in range(len(lengths) + 1))
+        rope = '<spatial springlength="{}"><site site="s0"/><site site="s{}"/></spatial>'
+        tendons = "".join(rope.format(length, i) for i, length in enumerate(lengths, 1))
+        return mujoco.MjModel.from_xml_string(
+            f'<mujoco><worldbody><geom size="1"/>{sites}</worldbody><tendon>{tendons}</tendon></mujoco>'
+        )
+
+    a, b = ropes(1, 2, 1, 1, 2, 2), ropes(2, 1, 1, 2, 2, 1)
+    match = ObjectMatching(ModelObjects(a), ModelObjects(b)).matches["tendon"]
+    assert (match.a.tolist(), match.b.tolist()) == ([*range(6)], [*range(6)])
+    assert {each.field for each in compared(a, b).fields} == {"tendon_lengthspring"}
+
+
 @settings(max_examples=30, deadline=None)
 @given(sizes=st.lists(st.integers(1, 3), min_size=2, max_size=6), at=st.integers(0, 5))
 def test_one_unnamed_object_more_is_one_difference(sizes: list[int], at: int) -> None:
