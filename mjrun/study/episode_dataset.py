@@ -398,8 +398,10 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
                 facts = self._facts(layout, episodes)
                 writers.append(stack.enter_context(manifest_writer(Path(self.output) / MANIFEST, facts)))
                 publish_together(writers)
-            for index in range(len(results)):  # another process may simulate more
-                shutil.rmtree(self._own / FOLDER / f"{index:06}", ignore_errors=True)
+            written = {each["key"] for each in episodes}
+            for index, key in enumerate(prepared.keys):
+                if key in written:  # another process may be about to publish others
+                    shutil.rmtree(self._own / FOLDER / f"{index:06}", ignore_errors=True)
             with suppress(OSError):
                 (self._own / FOLDER).rmdir()
         failures = {

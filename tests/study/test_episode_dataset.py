@@ -149,6 +149,26 @@ def test_an_interrupted_dataset_continues_to_the_same_bytes_as_do_processes(
     assert contents(tmp_path / "at once") == before
 
 
+def test_a_process_that_ends_early_leaves_the_waiting_episodes_of_another(
+    tmp_path: Path, simulation: mjrun.Simulation, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    publish = EpisodeDataset._publish
+
+    def interrupted(self: EpisodeDataset, key: str, result: Any) -> None:
+        publish(self, key, result)
+        if result.index == 1:  # whose result the other process has not recorded yet
+            raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(EpisodeDataset, "_publish", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            made(simulation, tmp_path / "set", chunk=1)
+    with pytest.raises(FailedEpisodesError, match="2 of 3 episodes are not simulated yet"):
+        made(simulation, tmp_path / "set", time_budget=Fraction(1, 10**9))
+    waiting = sorted(path.name for path in (tmp_path / "set/mjrun/episodes/000001").iterdir())
+    assert waiting == ["key", "numbers.npz"]
+
+
 def test_more_episodes_are_added_to_the_same_bytes(tmp_path: Path, simulation: mjrun.Simulation) -> None:
     made(simulation, tmp_path / "at once", episodes=5)
     made(simulation, tmp_path / "added", episodes=2)
