@@ -253,8 +253,8 @@ class StudyFigurePlan:
         groups = [("", np.ones(len(x.values), bool))]
         if lines is not None:
             groups = [
-                (label if self._options.legend_title else f"{lines.name} = {label}", lines.values == level)
-                for level, label in zip(lines.levels, lines.labels, strict=True)
+                (label if self._options.legend_title else f"{lines.name} = {label}", lines.places == place)
+                for place, label in enumerate(lines.labels)
             ]
         series = [summary(name, x, metric.values, chosen, i) for i, (name, chosen) in enumerate(groups)]
         drawn = [each for s in series for each in (s.y, *(end for band in s.bands for end in (band.low, band.high)))]

@@ -16,6 +16,7 @@ from mjrun.plotting.tick_labels import value_labels
 SEED = "seed"  # its values are repetitions if any other parameter varies
 QUANTILES = ((0.05, 0.95), (0.25, 0.75))  # ends of the bands
 BINS = 10  # maximum number of bins of a variable, for mutual information
+ABSENT = "none"  # label of points at which a parameter does not exist
 DOTS = 40  # maximum number of values of x that are marked
 
 
@@ -25,9 +26,9 @@ class Parameter:
 
     Attributes:
       name: name in the study.
-      values: values of the points `(n,)`; for texts, their index in `categories`.
+      values: values of the points `(n,)`, NaN where it does not exist; for texts, their index in `categories`.
       label: name with the unit, for axes.
-      levels: the distinct values, ascending.
+      levels: the distinct values, ascending, NaN last.
     """
 
     name: str
@@ -49,7 +50,8 @@ class Parameter:
     @property
     def labels(self) -> list[str]:
         """Its levels as texts."""
-        return list(self.categories) or value_labels(self.levels.tolist())
+        numbers = self.levels[~np.isnan(self.levels)].tolist()
+        return list(self.categories) or [*value_labels(numbers), *[ABSENT] * (len(self.levels) - len(numbers))]
 
     @property
     def ordinal_name(self) -> str:
@@ -79,7 +81,7 @@ def parameter_of(results: StudyResults, name: str) -> Parameter:
     texts = results.texts[name]
     used, first, codes = np.unique(texts.codes, return_index=True, return_inverse=True)
     order = np.argsort(first)
-    categories = [texts.words[int(code)] for code in used[order]]
+    categories = [texts.words[int(code)] or ABSENT for code in used[order]]
     values = np.argsort(order)[codes].astype(float)
     return Parameter(name, values, np.arange(len(categories), dtype=float), categories)
 

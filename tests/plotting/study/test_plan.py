@@ -94,6 +94,21 @@ def test_x_chooses_curves_and_the_other_parameter_their_colours() -> None:
     assert not panel.series[0].joined
 
 
+def test_points_where_a_parameter_does_not_exist_are_a_curve_and_a_row_of_their_own() -> None:
+    a = np.array([0.0, *np.repeat([1, 2, 3], 3)])
+    number, text = np.array([np.nan, *[4, 5, 6] * 3]), ["", *["x", "y", "z"] * 3]
+    for b, names in ((number, ["4", "5", "6", "none"]), (text, ["none", "x", "y", "z"])):
+        study = results({"a": a, "b": b}, {"z": 10 * a})
+        (panel,) = drawn(study, x="a").panels
+        assert isinstance(panel, GraphPanel)
+        assert [series.name for series in panel.series] == [f"b = {name}" for name in names]
+        assert sum(len(series.x) for series in panel.series) == len(a)
+    (panel,) = drawn(results({"a": a, "b": number}, {"z": 10 * a})).panels
+    assert isinstance(panel, HeatmapPanel)
+    assert panel.rows.categories == ["4", "5", "6", "none"]
+    np.testing.assert_array_equal(panel.values[3], [0, np.nan, np.nan, np.nan])
+
+
 def test_indices_of_sensitivity_have_the_intervals_of_their_table() -> None:
     known = {"first": 0.5, "first_low": 0.25, "first_high": 0.75, "total": 0.625}
     indices = {"z": {index: {"a": value, "b": value / 2} for index, value in known.items()}}
