@@ -87,7 +87,7 @@ def write_contact_sheet(output: str, cells: Sequence[VideoCell], fps: Fraction, 
     """Writes the videos of `cells`, which have one size and frame rate, into one video.
 
     Frame k of the sheet shows frame k of every video, which are of the same simulated time. A video that has ended
-    stays on its last frame, dimmed where its cell has a note.
+    stays on its last frame, dimmed where its cell has a note; a last frame shows the notes of those that end the sheet.
 
     Returns:
       The file.
@@ -110,16 +110,18 @@ def write_contact_sheet(output: str, cells: Sequence[VideoCell], fps: Fraction, 
 def _frames(
     cells: Sequence[VideoCell], videos: Sequence[Iterator[np.ndarray]], layout: SheetLayout
 ) -> Iterator[np.ndarray]:
-    """Yields the frames of the sheet, until all videos have ended."""
+    """Yields the frames of the sheet until all videos have ended, and one more if that adds a note."""
     width, height = layout.size
     running = set(range(len(cells)))
     sheet = np.full((height, width, 3), GROUND, np.uint8)
-    while True:
+    while running:
+        is_noted = False
         for index in sorted(running):
             frame = next(videos[index], None)
             place = sheet[layout.place(index)]
             if frame is None:
                 running.discard(index)
+                is_noted |= bool(cells[index].ending)
                 if cells[index].ending:
                     place[...] = np.round(place * DIMMED)
                     stamp(place, cells[index].caption, "top-left")
@@ -127,9 +129,8 @@ def _frames(
                 continue
             place[...] = _shrunk(frame, layout)
             stamp(place, cells[index].caption, "top-left")
-        if not running:
-            return
-        yield sheet.copy()
+        if running or is_noted:
+            yield sheet.copy()
 
 
 def _shrunk(frame: np.ndarray, layout: SheetLayout) -> np.ndarray:

@@ -64,3 +64,11 @@ def test_a_cell_that_reached_its_end_stays_as_it_is(tmp_path: Path) -> None:
     write_contact_sheet(str(tmp_path / "s.mkv"), cells, Fraction(10), Fraction(1))
     frames = read_video(tmp_path / "s.mkv").frames.astype(int)
     assert abs(frames[:, 50:70, 40:120] - 120).max() <= 4
+
+
+def test_the_sheet_ends_with_the_notes_of_the_longest_videos(tmp_path: Path) -> None:
+    write_video(tmp_path / "a.mkv", [np.full(SIZE, 200, np.uint8)] * 2, 10, codec="ffv1")
+    cells = [VideoCell(tmp_path / "a.mkv", "", "unstable at step 20")] * 2
+    write_contact_sheet(str(tmp_path / "s.mkv"), cells, Fraction(10), Fraction(1))
+    frames = read_video(tmp_path / "s.mkv").frames.astype(int)
+    assert [round(frame[60, 80].mean() / 10) for frame in frames] == [20, 20, 7]
