@@ -162,6 +162,10 @@ class ChoiceKind(Kind[str, str]):
     def form(self) -> Schema:
         return {"type": "string", "enum": [*self.names]}
 
+    def parse(self, text: str) -> str:
+        """Returns the word that is `text` but for upper and lower case, which do not count on the command line."""
+        return next((name for name in self.names if name.lower() == text.lower()), text)
+
     def __call__(self, value: str) -> str:
         if value not in self.names:
             hint = suggestion(value, self.names) if isinstance(value, str) else ""  # pyright: ignore[reportUnnecessaryIsInstance]

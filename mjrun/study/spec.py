@@ -30,6 +30,7 @@ from mjrun.model.override import ALTERNATIVES, EQUALS_IN_NAME, ORIENTATIONS, Ove
 from mjrun.model.source import ModelSource
 from mjrun.model.sources import demonstration_in, source_of
 from mjrun.options.datasets import CAMERA
+from mjrun.options.kinds import ChoiceKind
 from mjrun.options.option import is_given
 from mjrun.options.schema_validation import InvalidValueError
 from mjrun.options.simulation import RUN_REQUIREMENTS, SimulationOptions
@@ -333,7 +334,8 @@ def _change(name: str, text: str, controllers: Controllers) -> tuple[str, Any]:
             raise UnknownNameError("parameter", name, valid, where=option("vary"), meant=paths_of_field(name))
         try:
             key, entry = (group, f"{rest}={text}") if has_entries else (name, text)
-            return key, simulation_kinds()[key].parse(entry)
+            kind = simulation_kinds()[key]
+            return key, kind(kind.parse(entry)) if isinstance(kind, ChoiceKind) else kind.parse(entry)
         except InvalidValueError as error:
             raise BadValueError(f"{option('vary')} {clean(name)}", text, error.expected) from None
 

@@ -10,9 +10,10 @@ import mujoco
 import pytest
 
 from mjrun.errors import BadValueError, UnknownNameError
+from mjrun.experiment.design import Design
 from mjrun.model.sources import source_of
 from mjrun.simulation.simulation import Simulation
-from mjrun.study.spec import StudySpec, WorkerVersions, simulation_at, versions
+from mjrun.study.spec import StudySpec, WorkerVersions, require_values, simulation_at, versions
 from tests.study.models import PENDULUM
 
 
@@ -78,6 +79,12 @@ def test_what_nothing_has_is_refused(base: Simulation, name: str, near: str) -> 
 def test_a_value_that_cannot_be_is_told(base: Simulation, name: str, text: str) -> None:
     with pytest.raises(BadValueError, match=text):
         simulation_at(base, (name,), (text,))
+
+
+def test_words_vary_in_upper_and_lower_case_and_a_wrong_one_is_refused_before_any_point(base: Simulation) -> None:
+    assert simulation_at(base, ("integrator",), ("RK4",)).integrator == "rk4"
+    with pytest.raises(BadValueError, match=r"integrator: 'rk5' is not one of .*'rk4'"):
+        require_values(Design(("integrator",), [("euler",), ("rk5",)]), {}, None)
 
 
 def test_a_specification_can_be_sent_to_another_machine(base: Simulation) -> None:
