@@ -25,6 +25,7 @@ COSTLY = ("shadow", "reflection")
 MESHES = ("mesh_vert", "mesh_face", "mesh_normal", "mesh_texcoord", "mesh_graph", "hfield_data")
 SURFACES = ("skin_vert", "skin_face", "skin_texcoord", "flex_vertnum", "flex_elem", "flex_texcoord")
 TEXTURES = ("tex_data", "tex_adr", "tex_type", "tex_height", "tex_width")
+PLANE = mujoco.mjtGeom.mjGEOM_PLANE.value
 OFFSCREEN = mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value
 
 
@@ -163,9 +164,13 @@ class ClassicRenderer:
         self._buffer = self._context = self._gl = None
 
     def _fixed_settings(self, model: mujoco.MjModel) -> tuple[float, ...]:
-        """Returns the settings of a model that OpenGL keeps: of buffers, of the triangles of shapes, and of fog."""
+        """Returns the settings that OpenGL keeps: of buffers, of the triangles of shapes, of materials, and of fog."""
         quality, distances, extent = model.vis.quality, model.vis.map, model.stat.extent
         fixed = quality.shadowsize, quality.offsamples, quality.numslices, quality.numstacks, quality.numquads
+        planes = model.geom_size[model.geom_type == PLANE]
+        if (planes[:, :2] <= 0).any():  # infinite: drawn up to the far clipping plane
+            fixed = *fixed, extent, distances.zfar
+        fixed = *fixed, *planes.ravel().tolist(), *model.mat_texid.ravel().tolist()
         if not self._scene.flags[mujoco.mjtRndFlag.mjRND_FOG]:
             return fixed
         return *fixed, extent * distances.fogstart, extent * distances.fogend, *model.vis.rgba.fog.tolist()

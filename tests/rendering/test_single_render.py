@@ -144,6 +144,29 @@ def test_changed_visual_settings_take_effect_also_where_opengl_keeps_them(settin
     np.testing.assert_array_equal(changed, mjrun.render(other, moved(other), "top", SIZE, visual=fog))
 
 
+@pytest.mark.parametrize(
+    ("setting", "is_infinite"), [("size", False), ("size", True), ("extent", True), ("texture", False)]
+)
+def test_changed_planes_and_materials_take_effect(setting: str, is_infinite: bool) -> None:
+    textured = '<asset><texture name="t" type="2d" builtin="checker" width="8" height="8" rgb1="1 0 0"/>'
+    textured += '<material name="m" texture="t"/></asset><worldbody>'
+    text = XML.replace("<worldbody>", textured).replace('rgba=".3 .4 .5 1"', 'material="m"')
+    model = mujoco.MjModel.from_xml_string(text.replace("2 2 .1", "0 0 .1") if is_infinite else text)
+    camera = "free:azimuth=90,elevation=-30,distance=6"
+    before = mjrun.render(model, moved(model), camera, SIZE)
+    match setting:
+        case "size":
+            model.geom_size[0, :2] = 0.5
+        case "extent":
+            model.stat.extent *= 0.2
+        case _:
+            model.mat_texid[:] = -1
+    changed = mjrun.render(model, moved(model), camera, SIZE)
+    other = copy.copy(model)
+    assert not np.array_equal(changed, before)
+    np.testing.assert_array_equal(changed, mjrun.render(other, moved(other), camera, SIZE))
+
+
 def test_cameras_of_earlier_calls_do_not_fill_the_memory(model: mujoco.MjModel) -> None:
     cameras = set[int]()
     for azimuth in range(3 * CACHED_CAMERAS):
