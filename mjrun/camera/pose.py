@@ -186,13 +186,13 @@ def fitted(pose: CameraPose, points: np.ndarray, size: tuple[int, int], margin: 
 
 
 def contains(pose: CameraPose, points: np.ndarray, size: tuple[int, int]) -> bool:
-    """Returns whether all of `points` `(n, 3)` [m] are inside an image of `size`, in front of the near plane."""
+    """Returns whether all of `points` `(n, 3)` [m] are inside an image of `size`, between the clipping planes."""
     local = (points - pose.position) @ pose.rotation
     seen, depths = pose.frustum, -local[:, 2]
     scale = np.ones(len(depths)) if seen.orthographic else depths / seen.near
     across = np.abs(local[:, 0] - seen.center * scale) <= seen.halfwidth(size) * scale
     down = (seen.bottom * scale <= local[:, 1]) & (local[:, 1] <= seen.top * scale)
-    return bool(np.all(across & down & (depths >= seen.near)))
+    return bool(np.all(across & down & (depths >= seen.near) & (depths <= seen.far)))
 
 
 def pose_of(scene: mujoco.MjvScene) -> CameraPose:

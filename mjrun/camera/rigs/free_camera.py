@@ -241,8 +241,8 @@ class BoundAutoRig:
 class OutermostPoints:
     """The outermost points of what is to be seen, over the instants that are added.
 
-    Only the points that are farthest in the directions of the sides of the image matter, and the one nearest to the
-    camera.
+    Only the points that are farthest in the directions of the sides of the image matter, and the nearest to the camera
+    and the farthest from it.
 
     Args:
       parts: what a camera that follows keeps in view.
@@ -300,7 +300,7 @@ class OutermostPoints:
         needed = max(map(_shown_length, poses))
         scale = max(needed / _shown_length(self._free), self._least)
         level = replace(poses[0], rotation=self._free.rotation)
-        return self._at_scale(level, scale) if scale <= FARTHEST else None
+        return _seeing_to(self._at_scale(level, scale), points) if scale <= FARTHEST else None
 
     def _at_scale(self, pose: CameraPose, scale: float) -> CameraPose:
         """Returns a pose with the same middle that shows `scale` times as much as the free camera."""
@@ -324,10 +324,16 @@ def _shown_length(pose: CameraPose) -> float:
     return pose.frustum.fovy if pose.frustum.orthographic else pose.distance
 
 
+def _seeing_to(pose: CameraPose, points: np.ndarray) -> CameraPose:
+    """Returns the pose with its far clipping plane beyond all `points` `(n, 3)` [m]."""
+    farthest = MARGIN * float(((points - pose.position) @ pose.forward).max())
+    return replace(pose, frustum=replace(pose.frustum, far=max(pose.frustum.far, farthest)))
+
+
 def _directions(pose: CameraPose, size: tuple[int, int]) -> np.ndarray:
-    """Returns the outward normals of the sides of an image with a margin, and the direction to the camera `(5, 3)`."""
+    """Returns the outward normals of the sides of an image with a margin, then back and forward `(6, 3)`."""
     right, up, back = pose.rotation.T
     frustum = pose.frustum
     half = np.array([frustum.halfwidth(size), (frustum.top - frustum.bottom) / 2]) / MARGIN
     across, down = np.zeros(2) if frustum.orthographic else half / frustum.near
-    return np.array([right + across * back, -right + across * back, up + down * back, -up + down * back, back])
+    return np.array([right + across * back, -right + across * back, up + down * back, -up + down * back, back, -back])

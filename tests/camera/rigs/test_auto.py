@@ -68,7 +68,7 @@ def pixels(model: mujoco.MjModel, state: np.ndarray, pose: CameraPose) -> np.nda
     camera = lens(pose, SIZE)
     local = (np.linalg.inv(camera.pose) @ np.column_stack([points := bounds.points(data), np.ones(len(points))]).T)[:3]
     scale = local[2] if camera.perspective else np.ones_like(local[2])
-    assert (local[2] > camera.near).all()
+    assert ((local[2] > camera.near) & (local[2] < camera.far)).all()
     return np.column_stack([camera.fx * local[0] / scale + camera.cx, camera.fy * local[1] / scale + camera.cy])
 
 
@@ -107,6 +107,17 @@ def test_every_corner_stays_in_view_of_a_camera_that_rolls(roll: EasedNumber, vi
         for state, pose in zip(states, poses, strict=True):
             found = pixels(model, state, pose)
             assert ((found >= 0) & (found <= SIZE)).all()
+
+
+@pytest.mark.parametrize("way", [(0, 1.6, 0), (1.4, 1.4, -0.2), (2, 3, -1)])
+@pytest.mark.parametrize("view", ["", 'orthographic="true" fovy="1.2"'])
+def test_the_far_plane_is_beyond_the_motion(way: tuple[float, float, float], view: str) -> None:
+    model = compiled(view)
+    model.vis.map.zfar = 1.8
+    states = states_of(model, way)
+    for state, pose in zip(states, framed(model, states)[0], strict=True):
+        found = pixels(model, state, pose)
+        assert ((found >= 0) & (found <= SIZE)).all()
 
 
 def test_a_motion_that_mujoco_shows_whole_is_seen_by_its_camera() -> None:
