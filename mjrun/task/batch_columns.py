@@ -21,6 +21,7 @@ from mjrun.dataclass import dataclass
 from mjrun.model import state
 from mjrun.model.source import ModelSource
 from mjrun.model.table_column import Column
+from mjrun.physics.stepper import RK4
 from mjrun.probe.episode_columns import EpisodeProbe
 from mjrun.probe.fields import LAZY, MjDataProbe, Probe, RecordedFieldProbe, extents, recorded_probe
 from mjrun.probe.select import ALIASES, PAIRS, select
@@ -51,6 +52,7 @@ Read = Callable[[Rows, np.ndarray], None]  # reads some worlds into `(k, columns
 NumberSource = tuple[np.ndarray, int]  # an array `(size,)`, and the place of a number in it
 INTEGRATION = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 Examine = Callable[[int, mujoco.MjModel, mujoco.MjData], None]
+_Call = Callable[[mujoco.MjModel, mujoco.MjData], np.ndarray | None]  # returns the velocities to examine, if others
 
 
 class MjDataBatch:
@@ -61,6 +63,8 @@ class MjDataBatch:
       nsim: the number of simulations.
       nthread: the number of threads.
       persistent: whether each simulation has its own MjData, instead of each thread.
+      is_lagged: whether a step is examined with the velocities before it, to which all that it computes belongs. With
+        RK4, what a step leaves belongs to its last stage instead, and is examined as it is.
 
     Attributes:
       state: the integration states `(nsim, nstate)`.
@@ -68,8 +72,10 @@ class MjDataBatch:
       examine: called with the id, the model and the MjData of each simulation after every call, in several threads.
     """
 
-    def __init__(self, model: mujoco.MjModel, nsim: int, nthread: int, persistent: bool) -> None:
-        self.model, self.nsim = model, nsim
+    def __init__(
+        self, model: mujoco.MjModel, nsim: int, nthread: int, persistent: bool, is_lagged: bool = False
+    ) -> None:
+        self.model, self.nsim, self._is_lagged = model, nsim, is_lagged
         self._models: Sequence[mujoco.MjModel] = [model] * nsim
         self._layout = Batch(model, 1, 1, persistent)
         self._places = state.fields(state.sizes(model))
@@ -120,10 +126,16 @@ class MjDataBatch:
           BatchError: MuJoCo raised an error in some simulations, which keep their state; the others were stepped.
         """
 
-        def step(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        def step(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray | None:
+            if self._is_lagged and model.opt.integrator != RK4:
+                mujoco.mj_step(model, data, nstep - 1)
+                velocities = data.qvel.copy()
+                mujoco.mj_step(model, data)
+                return velocities
             mujoco.mj_step(model, data, nstep)
             if stage != NONE:
                 mujoco.mj_forward(model, data)
+            return None
 
         self._run(ids, step)
 
@@ -131,7 +143,7 @@ class MjDataBatch:
         """Computes everything that belongs to the state; raises the error of `step`."""
         self._run(ids, mujoco.mj_forward)
 
-    def _run(self, ids: np.ndarray | None, call: Callable[[mujoco.MjModel, mujoco.MjData], None]) -> None:
+    def _run(self, ids: np.ndarray | None, call: _Call) -> None:
         worlds = range(self.nsim) if ids is None else ids.tolist()
         failures = dict[int, str]()
         left = iter(worlds)
@@ -148,7 +160,7 @@ class MjDataBatch:
         self,
         worlds: Iterator[int],
         thread: int,
-        call: Callable[[mujoco.MjModel, mujoco.MjData], None],
+        call: _Call,
         failures: dict[int, str],
     ) -> None:
         """Runs simulations until none is left."""
@@ -158,7 +170,7 @@ class MjDataBatch:
             data = self._datas[place]
             mujoco.mj_setState(model, data, row, INTEGRATION)
             try:
-                call(model, data)
+                velocities = call(model, data)
             except mujoco.FatalError as error:
                 failures[world] = str(error)
                 mujoco.mj_resetData(model, data)
@@ -170,6 +182,8 @@ class MjDataBatch:
                 copy[...] = source
             for name, values in self._counts.items():
                 values[world] = getattr(data, name)
+            if velocities is not None:  # the next call sets the state again
+                data.qvel[:] = velocities
             self.examine(world, model, data)
 
     def _count_warnings(self, world: int, data: mujoco.MjData) -> None:

@@ -359,7 +359,8 @@ class TaskWorlds:
         sleeps = bool(model.opt.enableflags & SLEEP)
         self._has_datas = sleeps or (plan.needs_data and (model.nplugin > 0 or not self._models.is_one))
         if plan.needs_data and not sleeps:
-            return MjDataBatch(self._first, self.count, threads or available_cores(), self._has_datas)
+            is_lagged = task.derived == LAGGED
+            return MjDataBatch(self._first, self.count, threads or available_cores(), self._has_datas, is_lagged)
         return Batch(self._first, self.count, threads if self.count > 1 else 1, self._has_datas)
 
     def _load(self, seed: int, world: int) -> None:

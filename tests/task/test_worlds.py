@@ -16,6 +16,7 @@ from gymnasium.spaces import Box
 
 from mjrun.errors import UsageError
 from mjrun.model.sources import parse_source
+from mjrun.probe.fields import LAZY
 from mjrun.task.task import Action, Command, Observation, Reset, Task, Termination
 from mjrun.task.worlds import TaskWorlds
 from tests.task import gymnasium_tasks
@@ -30,6 +31,7 @@ CART = """<mujoco><option timestep="0.01"/>
   <actuator><motor name="push" joint="slide" gear="2"/><motor name="turn" joint="hinge"/></actuator>
   <keyframe><key name="home" qpos=".5 .3 0 1 .5 1 0 0 0" ctrl=".1 .2"/></keyframe></mujoco>"""
 MODEL = mujoco.MjModel.from_xml_string(CART)
+TURN = [Action(actuators=["turn"])]
 
 
 def cart(**values: object) -> Task:
@@ -128,6 +130,28 @@ DISTURBED = {
     "ctrl_noise_time": 0.02,
     "push": ["ball=0/5/0@0.04+0.1", "site:rim=0/1/1@0.1+0.07", "pole=1/0/0@0.3+1"],
 }
+
+
+@pytest.mark.parametrize("probes", [["cacc", "cfrc_int"], ["contact_force", "cacc", "cfrc_int"], ["qfrc_inverse"]])
+def test_lagged_quantities_are_those_of_the_state_before_the_last_step(probes: list[str]) -> None:
+    task = cart(observations=[Observation(name=probe, probe=probe) for probe in probes], derived="lagged", actions=TURN)
+    fields = [probe for probe in probes if probe in LAZY]
+    worlds, data, before = TaskWorlds(task, 1), mujoco.MjData(MODEL), mujoco.MjData(MODEL)
+    worlds.reset([3])
+    mujoco.mj_setState(MODEL, data, worlds.state(0), mujoco.mjtState.mjSTATE_INTEGRATION)
+    for action in random_actions(5, 1):
+        data.ctrl[1] = action[0]
+        mujoco.mj_step(MODEL, data, nstep=worlds.control_steps - 1)
+        mujoco.mj_copyData(before, MODEL, data)
+        mujoco.mj_forward(MODEL, before)
+        mujoco.mj_step(MODEL, data)
+
+        expected = []
+        for field in fields:
+            LAZY[field](MODEL, before)
+            expected += [getattr(before, field).ravel()]
+        observed = worlds.step(action[None]).observations[0]
+        np.testing.assert_array_equal(observed[-np.concatenate(expected).size :], np.concatenate(expected))
 
 
 @pytest.mark.parametrize(("derived", "values"), [("current", DISTURBED), ("lagged", EVERYTHING)])
