@@ -29,6 +29,7 @@ from mjrun.suffixes import REFERRING, is_hdf5, split_episode
 
 MIB = 2**20
 LEAST = {MEMORY: 256}  # the thread that loads models takes half of it
+MOST = 10**9  # of any limit; the system has no timers and sizes of files beyond
 SCENE = "scene"  # the collection in mjrun; the packages of others run code
 
 
@@ -100,6 +101,8 @@ def _limits(options: ConfinementOptions, command: CommandDeclaration) -> dict[st
         if len(values) != 1 or values[0] <= 0 or values[0] < LEAST.get(name, 0):
             expected = f"at least {LEAST[name]}" if name in LEAST else "a number above 0"
             raise BadValueError(f"{option('limit')} {name}", ",".join(f"{v:g}" for v in values), expected)
+        if values[0] > MOST:
+            raise BadValueError(f"{option('limit')} {name}", f"{values[0]:g}", f"at most {MOST:,}")
         limits[name] = values[0]
     return limits
 

@@ -182,6 +182,13 @@ def test_what_cannot_be_meant_is_refused(line: str, message: str, capsys: pytest
     assert message in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("name", ["time", "memory", "file"])
+def test_a_limit_that_the_system_cannot_set_is_refused(place: Path, name: str) -> None:
+    done = mjrun("info", "model/m.xml", "--untrusted", "--limit", f"{name}=1e13")
+    assert done.returncode == 2, done.stderr
+    assert f"--limit {name}: '1e+13' is not at most 1,000,000,000" in done.stderr
+
+
 def test_every_command_that_reads_files_has_the_option() -> None:
     context = click.Context(group)
     commands = {name: group.get_command(context, name) for name in group.list_commands(context)}

@@ -65,6 +65,15 @@ def test_memory_lasts_for_an_episode_and_no_longer(tmp_path: Path, ends: tuple[s
     assert policy.episode(0, LEFT_RIGHT)(rows[1]).tolist() == rows[1].tolist()
 
 
+def test_a_memory_that_fills_that_of_the_machine_is_refused(tmp_path: Path) -> None:
+    ends = [value(name, [1, 2**45]) for name in ("h_in", "h_out")]
+    nodes = [helper.make_node("Identity", pair[:1], pair[1:]) for pair in (["obs", "actions"], ["h_in", "h_out"])]
+    inputs, outputs = [value("obs", [1, 2]), ends[0]], [value("actions", [1, 2]), ends[1]]
+    path = write(tmp_path / "a.onnx", nodes, inputs, outputs)
+    with pytest.raises(FileError, match="would expand to"):
+        OnnxPolicy(path, "a.onnx").episode(0, LEFT_RIGHT)
+
+
 def test_several_inputs_are_parts_of_the_observation_in_their_order(tmp_path: Path) -> None:
     nodes = [helper.make_node("Concat", ["goal", "proprio"], ["actions"], axis=1)]
     inputs = [value("proprio", [1, 1]), value("goal", [1, 1])]

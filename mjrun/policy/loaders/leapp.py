@@ -17,6 +17,7 @@ from typing import NoReturn, cast
 import numpy as np
 
 from mjrun.dataclass import dataclass
+from mjrun.decompression_limits import require_expandable
 from mjrun.errors import FileError, UsageError, clean, counted, listing, quoted, shortened
 from mjrun.formats.input_file import decoding, is_file, is_folder, opened
 from mjrun.options.task import POSITION, TORQUE, VELOCITY
@@ -34,6 +35,7 @@ TYPES = {
     "bool": np.bool_,
 }
 LARGEST, VALUES = 2**22, 1_000_000  # maximum size of a description [bytes], and number of values in it
+SLOWEST, FASTEST = 1e-9, 1e9  # frequencies of calls [Hz]
 TEMPORAL = "__temporal_axis__"
 # Tensors in the safetensors format: a header in JSON, and the numbers after it.
 # Source: https://huggingface.co/docs/safetensors, "Format".
@@ -88,7 +90,7 @@ class LeappTensorSpec:
     @property
     def size(self) -> int:
         """The number of values."""
-        return int(np.prod(self.shape))
+        return math.prod(self.shape)
 
 
 @dataclass(frozen=True)
@@ -218,6 +220,8 @@ class _Reader:
         networks = tuple(self._network(name, value) for name, value in models.items())
         inputs = {tensor.place: tensor for network in networks for tensor in network.inputs}
         outputs = {tensor.place: tensor for network in networks for tensor in network.outputs}
+        tensors = (*inputs.values(), *outputs.values())
+        require_expandable(self._path, sum(tensor.size * np.dtype(tensor.type).itemsize for tensor in tensors))
         flows = self._flows(pipeline, inputs, outputs)
         frequency = self._mapping(pipeline.get("configs") or {}, "configs").get("frequency")
         return LeappPackage(
@@ -253,12 +257,12 @@ class _Reader:
         if not isinstance(name, str):
             self._refuse(f"a tensor in {where} of {network} has no name")
         shape = self._list(description.get("shape"), f"the shape of {name}")
-        if not all(isinstance(size, int) and size > 0 for size in shape):
+        if not all(isinstance(size, int) and not isinstance(size, bool) and size > 0 for size in shape):
             self._refuse(f"the shape of {name} is not a list of sizes")
         if str(description.get("dtype")) not in TYPES:
             self._refuse(f"the dtype of {name} is not one of {', '.join(TYPES)}")
         sizes = cast("tuple[int, ...]", tuple(shape))
-        elements = self._elements(description.get("element_names"), int(np.prod(sizes)))
+        elements = self._elements(description.get("element_names"), math.prod(sizes))
         type_ = TYPES[str(description["dtype"])]
         return LeappTensorSpec(f"{network}/{name}", sizes, type_, str(kind) if kind is not None else None, elements)
 
@@ -316,8 +320,10 @@ class _Reader:
     def _period(self, frequency: object) -> Fraction | None:
         if frequency is None:
             return None
-        if not isinstance(frequency, int | float) or not 0 < frequency < float("inf"):
-            self._refuse(f"the frequency is {quoted(shortened(str(frequency)))}, not a positive number")
+        is_number = isinstance(frequency, int | float) and not isinstance(frequency, bool)
+        if not (is_number and SLOWEST <= frequency <= FASTEST):
+            written = quoted(shortened(str(frequency)))
+            self._refuse(f"the frequency is {written}, not a number from {SLOWEST:g} to {FASTEST:g} [Hz]")
         return 1 / Fraction(str(frequency))
 
     def _file(self, value: object, what: str) -> Path:

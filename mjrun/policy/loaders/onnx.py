@@ -6,6 +6,7 @@ Files of mjlab have metadata: lists separated by commas, numbers rounded to thre
 `mjlab/rl/exporter_utils.py` of mjlab 1.6. Older versions wrote ranges as `[-1.0, 1.0]`, newer ones as `-1;1`.
 """
 
+import math
 import os
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -18,6 +19,7 @@ from typing import TYPE_CHECKING, NoReturn, Protocol, TypeVar, cast
 import numpy as np
 
 from mjrun.dataclass import dataclass
+from mjrun.decompression_limits import require_expandable
 from mjrun.errors import FileError, UsageError, clean, counted, listing, quoted
 from mjrun.formats.input_file import decoding, is_file, require_file
 from mjrun.options.task import POSITION
@@ -94,7 +96,7 @@ class TensorSpec:
     @property
     def size(self) -> int | None:
         """The number of values for one observation, with a batch of one; None if unspecified."""
-        return None if not self.shape or self.shape[-1] is None else int(np.prod(self.one))
+        return None if not self.shape or self.shape[-1] is None else math.prod(self.one)
 
     @property
     def one(self) -> tuple[int, ...]:
@@ -277,8 +279,8 @@ class OnnxPolicy(Policy):
                 )
             if len(self.inputs) > 1 and tensor.size is None:
                 raise self._refusal(f"each of several inputs must have a specified size: {names_of(self.inputs)}")
-        for start, _ in self.states:
-            self.model.float_type(start)
+        sizes = [math.prod(start.one) * np.dtype(self.model.float_type(start)).itemsize for start, _ in self.states]
+        require_expandable(self.model.path, sum(sizes))  # they are zeros at first
 
     def _facts(self) -> PolicyFacts:
         metadata = self.model.metadata
