@@ -21,7 +21,7 @@ from mjrun.dataclass import dataclass
 from mjrun.model import state
 from mjrun.model.source import ModelSource
 from mjrun.model.table_column import Column
-from mjrun.physics.stepper import RK4
+from mjrun.physics.stepper import RK4, SLEEP
 from mjrun.probe.episode_columns import EpisodeProbe
 from mjrun.probe.fields import LAZY, MjDataProbe, Probe, RecordedFieldProbe, extents, recorded_probe
 from mjrun.probe.select import ALIASES, PAIRS, select
@@ -325,7 +325,8 @@ class MeasurementPlan:
         self.names, self.count = names, len(names)
         self.pieces = list(self._pieces(names, can_sense))
         self.needs_data = any(piece.needs_data for piece in self.pieces)
-        if self.needs_data:  # the MjData computes the rest too, without sensors
+        # Without sensors, the MjData computes the rest too; where bodies sleep, it is read too late for what is lagged.
+        if self.needs_data and not model.opt.enableflags & SLEEP:
             self.pieces = list(self._pieces(names, can_sense=False))
 
         fields = [field for piece in self.pieces for field in piece.fields]

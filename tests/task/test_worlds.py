@@ -154,6 +154,20 @@ def test_lagged_quantities_are_those_of_the_state_before_the_last_step(probes: l
         np.testing.assert_array_equal(observed[-np.concatenate(expected).size :], np.concatenate(expected))
 
 
+@pytest.mark.parametrize("flag", ["", '<option><flag sleep="enable"/></option>'], ids=["awake", "asleep"])
+@pytest.mark.parametrize("derived", ["current", "lagged"])
+def test_a_quantity_does_not_depend_on_what_else_is_observed(tmp_path: Path, derived: str, flag: str) -> None:
+    (tmp_path / "cart.xml").write_text(CART.replace("<worldbody>", f"{flag}<worldbody>"))
+    inner = Observation(name="inner", probe="cfrc_int")
+    both = [inner, Observation(name="contact", probe="contact_force")]
+    tasks = [replace_model(cart(observations=each, derived=derived), tmp_path / "cart.xml") for each in ([inner], both)]
+    one, other = (TaskWorlds(task, 1) for task in tasks)
+    np.testing.assert_array_equal(other.reset([3])[:, : one.observations.size], one.reset([3]))
+    for action in random_actions(5, 1, 2):
+        observed = one.step(action).observations
+        np.testing.assert_array_equal(other.step(action).observations[:, : observed.size], observed)
+
+
 @pytest.mark.parametrize(("derived", "values"), [("current", DISTURBED), ("lagged", EVERYTHING)])
 def test_an_episode_is_the_same_alone_and_among_others(
     tmp_path: Path, derived: str, values: Mapping[str, object]
