@@ -64,7 +64,7 @@ class MjDataBatch:
       nthread: the number of threads.
       persistent: whether each simulation has its own MjData, instead of each thread.
       is_lagged: whether a step is examined with the velocities before it, to which all that it computes belongs. With
-        RK4, what a step leaves belongs to its last stage instead, and is examined as it is.
+        RK4, what a step leaves belongs to its last stage instead, and is examined with the new velocities.
 
     Attributes:
       state: the integration states `(nsim, nstate)`.

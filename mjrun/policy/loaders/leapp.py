@@ -320,11 +320,11 @@ class _Reader:
     def _period(self, frequency: object) -> Fraction | None:
         if frequency is None:
             return None
-        is_number = isinstance(frequency, int | float) and not isinstance(frequency, bool)
-        if not (is_number and SLOWEST <= frequency <= FASTEST):
+        number = frequency if isinstance(frequency, int | float) and not isinstance(frequency, bool) else math.nan
+        if not SLOWEST <= number <= FASTEST:
             written = quoted(shortened(str(frequency)))
             self._refuse(f"the frequency is {written}, not a number from {SLOWEST:g} to {FASTEST:g} [Hz]")
-        return 1 / Fraction(str(frequency))
+        return 1 / Fraction(str(number))
 
     def _file(self, value: object, what: str) -> Path:
         """Returns the path of a file in the folder of the document."""
