@@ -164,31 +164,32 @@ class _Writer:
         inputs = {"opacity": material.rgba[3], "metallic": material.metallic, "roughness": material.roughness}
         for name, value in inputs.items():
             shader.CreateInput(name, Sdf.ValueTypeNames.Float).Set(float(np.clip(value, 0, 1)))
-        diffuse = shader.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f)
-        if texture is not None and self._has_textures:
-            diffuse.ConnectToSource(self._image(look, texture, color))
-        else:
-            mean = np.ones(3) if texture is None else _mean_light(texture)
-            diffuse.Set(Gf.Vec3f(*(color * mean).tolist()))
-            if texture is not None and not any("textures" in remark for remark in self.remarks):
-                self.remarks.append(f"textures are replaced by their mean colours; {PACKAGE} holds them")
+        colors = {"diffuseColor": color}
         if material.emission > 0:
-            glow = np.clip(material.emission * color, 0, 1)
-            shader.CreateInput("emissiveColor", Sdf.ValueTypeNames.Color3f).Set(Gf.Vec3f(*glow.tolist()))
+            colors["emissiveColor"] = np.clip(material.emission * color, 0, 1)
+        for name, factor in colors.items():
+            made = shader.CreateInput(name, Sdf.ValueTypeNames.Color3f)
+            if texture is not None and self._has_textures:
+                made.ConnectToSource(self._image(look, texture, f"{name}Image", factor))
+            else:
+                mean = np.ones(3) if texture is None else _mean_light(texture)
+                made.Set(Gf.Vec3f(*(factor * mean).tolist()))
+        if texture and not self._has_textures and not any("textures" in remark for remark in self.remarks):
+            self.remarks.append(f"textures are replaced by their mean colours; {PACKAGE} holds them")
         look.CreateSurfaceOutput().ConnectToSource(shader.ConnectableAPI(), "surface")
         self._looks[material] = look
         return look
 
-    def _image(self, look: Any, texture: Texture, color: np.ndarray) -> Any:
+    def _image(self, look: Any, texture: Texture, name: str, color: np.ndarray) -> Any:
         """Returns the colours of a texture at the coordinates of a mesh, which a factor multiplies."""
         if texture not in self._textures:
-            name = f"texture_{len(self._textures)}.png"
-            (self._folder / name).write_bytes(png(ImageData(texture.pixels, 0, None, {})))
-            self._textures[texture] = name
+            file = f"texture_{len(self._textures)}.png"
+            (self._folder / file).write_bytes(png(ImageData(texture.pixels, 0, None, {})))
+            self._textures[texture] = file
         reader = UsdShade.Shader.Define(self.stage, look.GetPath().AppendChild("coordinates"))
         reader.CreateIdAttr("UsdPrimvarReader_float2")
         reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set("st")
-        image = UsdShade.Shader.Define(self.stage, look.GetPath().AppendChild("image"))
+        image = UsdShade.Shader.Define(self.stage, look.GetPath().AppendChild(name))
         image.CreateIdAttr("UsdUVTexture")
         image.CreateInput("file", Sdf.ValueTypeNames.Asset).Set(Sdf.AssetPath(self._textures[texture]))
         image.CreateInput("sourceColorSpace", Sdf.ValueTypeNames.Token).Set("sRGB")

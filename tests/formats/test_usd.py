@@ -141,7 +141,7 @@ def test_textures_are_in_packages_and_elsewhere_their_mean(tmp_path: Path) -> No
     graph = SceneGraph([NODES[0], Node("ball", "geom", 0, 0, mesh=BALL, material=material)])
     package, remarks = stage_of(tmp_path, graph, suffix=".usdz")
     assert remarks == []
-    image = UsdShade.Shader(package.GetPrimAtPath("/World/Looks/checker/image"))
+    image = UsdShade.Shader(package.GetPrimAtPath("/World/Looks/checker/diffuseColorImage"))
     assert image.GetInput("file").Get().resolvedPath.endswith("a.usdz[texture_0.png]")
     st = np.array(UsdGeom.PrimvarsAPI(package.GetPrimAtPath("/World/ball")).GetPrimvar("st").Get())
     assert np.allclose(st, np.asarray(BALL.uv) * (1, -1) + (0, 1), atol=1e-6)
@@ -153,6 +153,24 @@ def test_textures_are_in_packages_and_elsewhere_their_mean(tmp_path: Path) -> No
     assert ".usdz" in remarks[0]
     surface = UsdShade.Shader(plain.GetPrimAtPath("/World/Looks/checker/surface"))
     assert np.allclose(surface.GetInput("diffuseColor").Get(), 0.5)
+
+
+def test_a_texture_is_on_the_light_that_a_material_emits(tmp_path: Path) -> None:
+    from pxr import UsdShade
+
+    texture = Texture("dark", np.zeros((4, 4, 3), np.uint8))
+    material = Material("lamp", (1.0, 1.0, 1.0, 1.0), 0.0, 0.5, emission=0.5, texture=texture)
+    graph = SceneGraph([NODES[0], Node("ball", "geom", 0, 0, mesh=BALL, material=material)])
+    plain, _ = stage_of(tmp_path, graph)
+    surface = UsdShade.Shader(plain.GetPrimAtPath("/World/Looks/lamp/surface"))
+    assert tuple(surface.GetInput("emissiveColor").Get()) == (0, 0, 0)
+
+    package, _ = stage_of(tmp_path, graph, suffix=".usdz")
+    surface = UsdShade.Shader(package.GetPrimAtPath("/World/Looks/lamp/surface"))
+    (source,), _ = surface.GetInput("emissiveColor").GetConnectedSources()
+    image = UsdShade.Shader(source.source)
+    assert image.GetInput("file").Get().resolvedPath.endswith("a.usdz[texture_0.png]")
+    assert tuple(image.GetInput("scale").Get()) == (0.5, 0.5, 0.5, 1)
 
 
 def test_a_package_does_not_depend_on_the_time_of_day(tmp_path: Path) -> None:
