@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from mjrun.dataclass import dataclass
+from mjrun.formats.codecs import is_folder
 from mjrun.formats.output_writer import OutputWriter, StagedFile
 from mjrun.model.camera_images import SegmentedObject
 
@@ -51,9 +52,9 @@ def labels_document(
 
 
 def labels_beside(output: str) -> str:
-    """Returns the path of the labels of an image, a video or a folder of frames."""
+    """Returns the path of the labels of an image, a video or a folder of frames, whose name has no suffix."""
     path = Path(output)
-    return str(path.with_name(f"{path.stem}.labels.json"))
+    return str(path.with_name(f"{path.name if is_folder(output) else path.stem}.labels.json"))
 
 
 class LabelsWriter(OutputWriter):

@@ -10,7 +10,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from mjrun.formats.segmentation_labels import CocoDocument, LabelsWriter, ascii_json, labels_document, regions
+from mjrun.formats.segmentation_labels import (
+    CocoDocument,
+    LabelsWriter,
+    ascii_json,
+    labels_beside,
+    labels_document,
+    regions,
+)
 from mjrun.model.camera_images import SegmentedObject
 
 LEGEND = [
@@ -20,6 +27,14 @@ LEGEND = [
 ]
 IDS = np.array([[0, 0, -1], [2, 0, -1]], np.int32)
 COLOURS = np.array([[255, 0, 0], [0, 255, 0], [1, 2, 3]], np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("output", "labels"),
+    [("a/v1.2.png", "v1.2.labels.json"), ("a/v1.2/", "v1.2.labels.json"), ("a/v1", "v1.labels.json")],
+)
+def test_the_labels_of_folders_whose_names_have_points_are_separate_files(output: str, labels: str) -> None:
+    assert Path(labels_beside(output)) == Path("a", labels)
 
 
 def test_every_thing_has_an_entry_seen_or_not() -> None:
