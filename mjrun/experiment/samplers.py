@@ -98,6 +98,7 @@ def rank_correlations(
       UsageError: a parameter is not sampled, or a correlation is impossible.
     """
     places, matrix = {path: place for place, path in enumerate(distributions)}, np.eye(len(distributions))
+    known = dict[frozenset[str], tuple[float, str]]()
     for written, text in texts:
         with concerning("correlate", written):
             correlated = [_sampled_path(name.strip(), distributions, names) for name in written.split(",")]
@@ -109,7 +110,12 @@ def rank_correlations(
                 value = math.nan
             if not -1 < value < 1:
                 raise BadValueError(f"{option('correlate')} {clean(written)}", text, "a number above -1 and below 1")
-            for one, other in combinations([places[path] for path in correlated], 2):
+            for pair in combinations(correlated, 2):
+                earlier, source = known.setdefault(frozenset(pair), (value, written))
+                if earlier != value:
+                    reason = f"{clean(source)}={earlier:g} applies to the same pair, {' and '.join(map(clean, pair))}"
+                    raise UsageError(f"{option('correlate')} {clean(written)}={value:g}: {reason}")
+                one, other = (places[path] for path in pair)
                 matrix[one, other] = matrix[other, one] = value
     if np.linalg.eigvalsh(_of_copula(matrix))[0] < 1e-9:
         pairs = listing([f"{clean(written)}={clean(text)}" for written, text in texts])

@@ -56,6 +56,12 @@ def test_several_parameters_may_share_a_correlation() -> None:
         ({"correlate": {"mass,x": 1}}, "'1' is not a number above -1 and below 1"),
         ({"correlate": {"mass,a.mass": 0.5}}, "two parameters or more, each once"),
         ({"correlate": {"mass,x": 0.9, "x,y": 0.9, "mass,y": -0.9}}, "no samples have all of these correlations"),
+        (
+            {"correlate": {"mass,x": 0.5, "x,mass": 0.3}},
+            "x,mass=0.3: mass,x=0.5 applies to the same pair, b.x and a.mass",
+        ),
+        ({"correlate": {"mass,x,y": 0.5, "y,c.y": 0.3}}, "two parameters or more, each once"),
+        ({"correlate": {"mass,x,y": 0.5, "x,c.y": 0.3}}, "mass,x,y=0.5 applies to the same pair, b.x and c.y"),
         ({"correlate": {"mass,x": 0.5}, "sampler": "saltelli"}, "excludes --sampler saltelli: sensitivities"),
         ({"correlate": {"mass,x": 0.5}, "sampler": "morris"}, "excludes --sampler morris"),
         ({"correlate": {"mass,x": 0.5}, "vary": {"a.mass": "1,2", "b.x": "uniform(0,1)"}}, "mass has a list of values"),

@@ -18,6 +18,7 @@ from mjrun.model.table_column import with_unit
 from mjrun.options.plot import FigureOptions
 from mjrun.plotting.curve_syntax import (
     CurveSpec,
+    ReferenceLine,
     parse_curves,
     parse_log,
     parse_marks,
@@ -98,11 +99,16 @@ class StudyFigurePlan:
         varying = [parameter_of(results, name) for name in results.parameters]
         self._parameters = [each for each in varying if len(each.levels) > 1]
         self._trajectories, self._over_time = _PointTraces(results), list[CurveSpec]()
-        self._metrics = self._chosen_metrics()
-        self._log_x, _ = parse_log(options.log, len(self._metrics))
-        self._marks = parse_marks(options.mark, len(self._metrics) + len(self._over_time))
-        self._ylim = parse_ylim(options.ylim, len(self._metrics))
-        self._ylabels = parse_ylabel(options.ylabel, len(self._metrics) + len(self._over_time))
+        metrics = self._chosen_metrics()
+        panels = len(metrics) + len(self._over_time)
+        self._log_x, self._log_y = parse_log(options.log, panels)
+        self._metrics = [
+            MetricValues(name, values, index in self._log_y if options.log else spans_decades(values))
+            for index, (name, values) in enumerate(metrics)
+        ]
+        self._marks = parse_marks(options.mark, panels)
+        self._ylim = parse_ylim(options.ylim, panels)
+        self._ylabels = parse_ylabel(options.ylabel, panels)
         limits = [options.xlim] if self._log_x else []
         if any(low <= 0 for low, _ in filter(None, limits)):
             raise UsageError(f"{option('xlim')}: a logarithmic axis starts above 0")
@@ -110,8 +116,8 @@ class StudyFigurePlan:
     @cached_property
     def drawing(self) -> DrawnStudyFigure:
         """The data of the figure."""
-        curves = self._over_time if self._options.y else self._trajectories.usual
-        over_time = self._trajectories.panels(curves)
+        curves = self._over_time or ([] if self._options.y else self._trajectories.usual)
+        over_time = self._trajectory_panels(curves)
         self.notes += self._trajectories.notes
         if not self._metrics:
             return self._drawn(over_time)
@@ -125,7 +131,7 @@ class StudyFigurePlan:
         if x is not None:
             return self._over(x)
         if panels := self._sensitivity_panels():
-            self._refuse_curve_options("indices of sensitivity")
+            self._refuse_curve_options("indices of sensitivity", has_values=False)
             return self._drawn(panels, min(3, len(panels)))
         if len(main) == 1:
             return self._over(main[0])
@@ -143,10 +149,12 @@ class StudyFigurePlan:
 
     # --- chosen values ------------------------------------------------------------------------------
 
-    def _chosen_metrics(self) -> list[MetricValues]:
+    def _chosen_metrics(self) -> list[tuple[str, np.ndarray]]:
+        """Returns the names and values of the chosen metrics; the chosen columns over time become `_over_time`."""
         known = {name: values for name, values in self._results.numbers.items() if name in self._results.metrics}
         texts = self._options.y or tuple(known)
         if not texts and self._trajectories.usual:
+            self._over_time = self._trajectories.usual
             return []
         if not texts:
             raise UsageError(f"{self._results.folder}: the study has no metrics to plot; see {option('metric')}")
@@ -162,11 +170,7 @@ class StudyFigurePlan:
                 except UnknownNameError:
                     for curve in self._curves(text, list(columns)):
                         metrics.append((self._named(curve), curve.expression.values(columns)))
-        _, chosen = parse_log(self._options.log, len(metrics))
-        return [
-            MetricValues(name, values, index in chosen if self._options.log else spans_decades(values))
-            for index, (name, values) in enumerate(metrics)
-        ]
+        return metrics
 
     def _named(self, curve: CurveSpec) -> str:
         """Returns the name of an expression with its unit."""
@@ -226,7 +230,10 @@ class StudyFigurePlan:
 
     def _axis(self, x: Parameter) -> ParameterAxis:
         """Returns the axis of a parameter, with the range and the label that are requested."""
-        axis, options = x.scale(True if self._log_x else None), self._options
+        return self._with_options(x.scale(True if self._log_x else None))
+
+    def _with_options(self, axis: ParameterAxis) -> ParameterAxis:
+        options = self._options
         if options.xlim and not axis.categories:
             low, high = options.xlim
             axis = replace(axis, low=low, high=high, log=axis.log and low > 0)
@@ -243,11 +250,37 @@ class StudyFigurePlan:
         """
         index = next(number for number, each in enumerate(self._metrics) if each is metric)
         marks = [mark for mark in self._marks if mark.vertical or mark.panel in (None, index + 1)]
+        y = self._y_axis(index, metric.name, drawn, marks, log=metric.log)
+        return GraphPanel(x, y, series, self._failures(failures), marks, self._ylabels.get(index, ""))
+
+    def _y_axis(
+        self, index: int, name: str, drawn: np.ndarray, marks: Sequence[ReferenceLine], *, log: bool
+    ) -> ParameterAxis:
+        """Returns the y axis of the panel `index`, which shows values and marks, with the range that is requested."""
         heights = [mark.value for mark in marks if not mark.vertical]
-        y = scale(metric.name, np.append(drawn, heights), log=metric.log, edge=MARGIN)
+        y = scale(name, np.append(drawn, heights), log=log, edge=MARGIN)
         if limit := self._ylim.get(index):
             y = replace(y, low=limit[0], high=limit[1], log=y.log and limit[0] > 0)
-        return GraphPanel(x, y, series, self._failures(failures), marks, self._ylabels.get(index, ""))
+        return y
+
+    def _trajectory_panels(self, curves: Sequence[CurveSpec]) -> list[GraphPanel]:
+        """Plans a panel over time for each of these curves.
+
+        Options of panels apply to those that are chosen; options of the x axis, if there are no metrics over another.
+        """
+        if not self._metrics and self._options.x not in (None, TIME):
+            raise UsageError(f"{option('x')} does not apply to columns over time, whose x axis is the time")
+        panels = list[GraphPanel]()
+        for index, each in enumerate(self._trajectories.overlays(curves), len(self._metrics)):
+            x, marks = scale("time [s]", each.times, edge=0.0), []
+            if self._over_time:
+                marks = [mark for mark in self._marks if not mark.vertical and mark.panel in (None, index + 1)]
+            if not self._metrics:
+                marks += [mark for mark in self._marks if mark.vertical]
+                x = self._with_options(scale(x.name, each.times, log=self._log_x, edge=0.0))
+            y = self._y_axis(index, each.name, each.values, marks, log=index in self._log_y)
+            panels.append(GraphPanel(x, y, each.series, (), marks, self._ylabels.get(index, "")))
+        return panels
 
     def _graph(self, x: Parameter, axis: ParameterAxis, metric: MetricValues, lines: Parameter | None) -> GraphPanel:
         groups = [("", np.ones(len(x.values), bool))]
@@ -364,14 +397,27 @@ class StudyFigurePlan:
         columns = options.columns or columns
         return DrawnStudyFigure(options.title or "", panels, columns, above, options.legend_title or "")
 
-    def _refuse_curve_options(self, kind: str) -> None:
-        """Raises UsageError if an option is given that applies to curves and dots only."""
+    def _refuse_curve_options(self, kind: str, *, has_values: bool = True) -> None:
+        """Raises UsageError if an option is given that applies to curves and dots only.
+
+        Figures that show values of metrics, which may be logarithmic, have `log` for y.
+        """
         options = self._options
-        given = {"mark": options.mark, "xlim": options.xlim, "ylim": options.ylim, "ylabel": options.ylabel}
+        given = {
+            "mark": options.mark,
+            "xlim": options.xlim,
+            "ylim": options.ylim,
+            "xlabel": options.xlabel,
+            "ylabel": options.ylabel,
+            "log": self._log_x or (not has_values and options.log),
+        }
         for name, value in given.items():
             if value:
                 other = f"{option('x')} PARAMETER draws curves or dots over one of them"
-                raise UsageError(f"{option(name)} does not apply to {kind}, which show several parameters\n{other}")
+                axis = " x" if name == "log" and has_values else ""
+                raise UsageError(
+                    f"{option(name)}{axis} does not apply to {kind}, which show several parameters\n{other}"
+                )
 
     def _shown(self, metrics: Sequence[MetricValues]) -> list[MetricValues]:
         """Returns the metrics to draw, and notes those without any value."""
@@ -404,6 +450,16 @@ class _Curve:
         return float(magnitudes[np.isfinite(magnitudes)].max(initial=0.0))
 
 
+@dataclass(frozen=True)
+class _Overlay:
+    """The trajectories of a panel: the name of the curve with its unit, all times and values `(n,)`, and the curves."""
+
+    name: str
+    times: np.ndarray
+    values: np.ndarray
+    series: Sequence[Series]
+
+
 class _PointTraces:
     """The stored traces of a study's points.
 
@@ -428,42 +484,36 @@ class _PointTraces:
         names = [name for name in self.columns if name in read or not self._results.metrics]
         return [curve for name in names[:PANELS] for curve in parse_panel(name, self.columns).curves]
 
-    def panels(self, curves: Sequence[CurveSpec]) -> list[GraphPanel]:
-        """Returns a panel over time for each of these curves."""
+    def overlays(self, curves: Sequence[CurveSpec]) -> "list[_Overlay]":
+        """Returns the trajectories of all points for each of these curves."""
         if not curves:
             return []
         tables = self._tables([*dict.fromkeys(name for curve in curves for name in curve.expression.columns)])
-        times = scale("time [s]", np.concatenate([table[TIME] for table in tables.values()]), edge=0.0)
         labels = self._labels(list(tables))
         drawn = [self._curve(curve, tables) for curve in curves]
         largest = dict[str, float]()
         for each in drawn:
             largest[each.unit] = max(largest.get(each.unit, 0.0), each.largest)
-        return [self._panel(each, times, tables, labels, largest[each.unit]) for each in drawn]
+        return [self._overlay(each, tables, labels, largest[each.unit]) for each in drawn]
 
     def _curve(self, curve: CurveSpec, tables: Mapping[int, NumericTable]) -> "_Curve":
         unit = next(iter(tables.values())).units.get(curve.column or "", "") if curve.unit is None else curve.unit
         return _Curve(curve.name, unit, [curve.expression.values(table.columns) for table in tables.values()])
 
-    def _panel(
-        self,
-        curve: "_Curve",
-        times: ParameterAxis,
-        tables: Mapping[int, NumericTable],
-        labels: Sequence[str],
-        largest: float,
-    ) -> GraphPanel:
+    def _overlay(
+        self, curve: "_Curve", tables: Mapping[int, NumericTable], labels: Sequence[str], largest: float
+    ) -> "_Overlay":
         colours = range(len(tables)) if any(labels) else [0] * len(tables)
         opacity = 1.0 if len(tables) <= NAMED else FAINT
         series = [
             Series(label, table[TIME], values, dots=False, colour=colour, opacity=opacity)
             for label, colour, table, values in zip(labels, colours, tables.values(), curve.values, strict=True)
         ]
-        name = with_unit(curve.name, curve.unit)
         values = np.concatenate(curve.values)
         if curve.largest < NOISE * largest:
             values = np.array([-largest, largest])
-        return GraphPanel(times, scale(name, values, edge=MARGIN), series, ())
+        times = np.concatenate([table[TIME] for table in tables.values()])
+        return _Overlay(with_unit(curve.name, curve.unit), times, values, series)
 
     def _tables(self, names: Sequence[str]) -> dict[int, NumericTable]:
         """Reads the traces of the points to show."""

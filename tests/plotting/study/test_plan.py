@@ -119,6 +119,8 @@ def test_indices_of_sensitivity_have_the_intervals_of_their_table() -> None:
     np.testing.assert_array_equal(panel.intervals, expected)  # type: ignore[arg-type]
     assert panel.ends
     assert panel.ends[1] > 0.75
+    with pytest.raises(UsageError, match="log does not apply to indices of sensitivity"):
+        drawn(study, log="y")
 
 
 def test_few_random_parameters_are_dots_and_x_may_be_a_metric() -> None:
@@ -233,7 +235,17 @@ def test_marks_ranges_and_labels_belong_to_their_panels() -> None:
     ]
 
 
-@pytest.mark.parametrize("option", [{"mark": ("1",)}, {"xlim": (0.0, 1.0)}, {"ylim": ("0..1",)}])
+@pytest.mark.parametrize(
+    "option",
+    [
+        {"mark": ("1",)},
+        {"xlim": (0.0, 1.0)},
+        {"ylim": ("0..1",)},
+        {"xlabel": "a"},
+        {"log": ("x",)},
+        {"log": ("both",)},
+    ],
+)
 def test_maps_have_no_marks_of_curves(option: dict[str, object]) -> None:
     grid = results({"a": np.array([0.0, 0, 1, 1]), "b": np.array([0.0, 1, 0, 1])}, {"z": np.arange(4.0)})
     with pytest.raises(UsageError, match="does not apply to heat maps"):

@@ -85,6 +85,30 @@ def test_a_study_whose_metrics_read_no_column_of_the_traces_has_no_panels_over_t
     assert [panel.label for panel in drawing(bare).panels] == ["qpos/hip", "qpos/knee", "ctrl/m"]
 
 
+def test_curves_over_time_have_the_axes_and_marks_that_are_requested(tmp_path: Path) -> None:
+    study = results(tmp_path, 6)
+    axes = {"xlim": (1.0, 2.0), "ylim": ("2:1..10",), "log": ("2:y",), "xlabel": "t", "ylabel": ("1:angle",)}
+    marks = {"mark": ("1:stop=5", "x:kick=1.5", "zero=0")}
+    hip, knee = (panel for panel in drawing(study, y="qpos/*", **axes, **marks).panels if isinstance(panel, GraphPanel))
+    for panel in (hip, knee):
+        assert (panel.x.name, panel.x.low, panel.x.high, panel.x.log) == ("t", 1, 2, False)
+    assert {mark.label for mark in hip.marks} == {"stop", "kick", "zero"}
+    assert {mark.label for mark in knee.marks} == {"kick", "zero"}
+    assert hip.y.high > 5
+    assert (knee.y.low, knee.y.high, knee.y.log, hip.y.log) == (1, 10, True, False)
+    assert (hip.axis_label, knee.axis_label) == ("angle", "")
+    assert all(panel.x.log for panel in drawing(study, y="qpos/*", log="x").panels if isinstance(panel, GraphPanel))
+    with pytest.raises(UsageError, match="x does not apply to columns over time"):
+        drawing(study, y="qpos/hip", x="seed")
+
+
+def test_beside_metrics_the_x_axis_of_the_metrics_has_the_options(tmp_path: Path) -> None:
+    options = {"y": ["far", "qpos/hip"], "xlim": (1.0, 2.0), "mark": ("x:best=1.5", "2:stop=5")}
+    far, hip = (panel for panel in drawing(results(tmp_path, 6), **options).panels if isinstance(panel, GraphPanel))
+    assert (far.x.low, far.x.high, hip.x.low, hip.x.high) == (1, 2, TIMES[0], TIMES[-1])
+    assert ([mark.label for mark in far.marks], [mark.label for mark in hip.marks]) == (["best"], ["stop"])
+
+
 def test_rounding_errors_are_drawn_as_zero(tmp_path: Path) -> None:
     hip, noise = drawing(results(tmp_path, 6), y=["qpos/hip", "qpos/knee*1e-17"]).panels
     assert isinstance(hip, GraphPanel)
