@@ -16,35 +16,64 @@ from mjrun.errors import MjrunWarning, clean
 from mjrun.file_version import is_settled, version_of
 from mjrun.reporter import Reporter
 
+_lock = threading.RLock()  # of everything below that belongs to the process
+_log_blocks, _timer_blocks = 0, 0  # open at present, in all threads; the last one that ends restores
+_writes_log, _clock_before = True, None
+
 
 @contextmanager
 def without_log() -> Generator[None]:
-    """Prevents MuJoCo from writing MUJOCO_LOG.TXT into the working directory."""
-    log = mujoco.MjLogConfig.get()
-    to_file, log.logto_file = log.logto_file, False
-    log.set()
+    """Prevents MuJoCo from writing MUJOCO_LOG.TXT into the working directory.
+
+    Threads may have blocks at once, which end in any order.
+    """
+    global _log_blocks, _writes_log
+    with _lock:
+        if not _log_blocks:
+            _writes_log = _write_log(False)
+        _log_blocks += 1
     try:
         yield
     finally:
-        log.logto_file = to_file
-        log.set()
+        with _lock:
+            _log_blocks -= 1
+            if not _log_blocks:
+                _write_log(_writes_log)
+
+
+def _write_log(is_written: bool) -> bool:
+    """Sets whether MuJoCo writes its log file, and returns whether it did."""
+    log = mujoco.MjLogConfig.get()
+    before, log.logto_file = log.logto_file, is_written
+    log.set()
+    return before
 
 
 class without_timers:  # noqa: N801 - a context manager, and a class because it is entered once a step
     """A context in which MuJoCo does not read the clock dozens of times per step for its profile, which mjrun ignores.
 
     The Python bindings install a clock, and `set_mjcb_time(None)` only restores it. Without it, a step is as fast as
-    in C: for small models it takes a fifth to a half less time.
+    in C: for small models it takes a fifth to a half less time. Threads may have blocks at once, which end in any
+    order.
     """
 
     def __enter__(self) -> None:
-        self._clock = clock = _clock()
+        global _timer_blocks, _clock_before
+        clock = _clock()
         if clock is not None:
-            self._callback, clock.value = clock.value, None
+            with _lock:
+                if not _timer_blocks:
+                    _clock_before, clock.value = clock.value, None
+                _timer_blocks += 1
 
     def __exit__(self, *error: object) -> None:
-        if self._clock is not None:
-            self._clock.value = self._callback
+        global _timer_blocks
+        clock = _clock()
+        if clock is not None:
+            with _lock:
+                _timer_blocks -= 1
+                if not _timer_blocks:
+                    clock.value = _clock_before
 
 
 @cache
@@ -148,7 +177,7 @@ class _Collector:
 
 # MuJoCo's handler of warnings, its log and Python's filters belong to the process: the first block takes them over,
 # the last one that ends puts them back.
-_lock, _open_blocks, _taken_over = threading.Lock(), list[_Collector](), ExitStack()
+_open_blocks, _taken_over = list[_Collector](), ExitStack()
 
 
 def _enter(collector: _Collector) -> None:

@@ -3,13 +3,14 @@
 import threading
 import warnings
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 
 import mujoco
 import pytest
 
 from mjrun.errors import MjrunWarning
-from mjrun.model.mujoco_globals import collected_warnings, without_timers
+from mjrun.model.mujoco_globals import collected_warnings, without_log, without_timers
 
 SUSPECT = '<mujoco><option timestep="nan"/></mujoco>'
 NAN = "XML contains a 'NaN'. Please check it carefully."
@@ -201,3 +202,25 @@ def test_a_clock_of_one_s_own_comes_back() -> None:
         assert next(ticks) > 1
     finally:
         mujoco.set_mjcb_time(None)
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_blocks_of_threads_end_in_any_order(first: int) -> None:
+    def is_timed() -> bool:
+        model = mujoco.MjModel.from_xml_string("<mujoco/>")
+        data = mujoco.MjData(model)
+        mujoco.mj_step(model, data, nstep=100)
+        return data.timer[mujoco.mjtTimer.mjTIMER_STEP].duration > 0
+
+    def facts() -> tuple[bool, bool]:
+        return mujoco.MjLogConfig.get().logto_file, is_timed()
+
+    before, blocks = facts(), [ExitStack(), ExitStack()]
+    for block in blocks:
+        block.enter_context(without_timers())
+        block.enter_context(without_log())
+    inside = facts()
+    blocks[first].close()
+    assert facts() == inside == (False, False)
+    blocks[1 - first].close()
+    assert facts() == before == (True, True)
