@@ -27,7 +27,13 @@ from mjrun.options.model import GAINS, parse_gains
 from mjrun.options.option import OptionExclusion, exclusions_of, is_given, options, options_of
 from mjrun.options.policy import is_code
 from mjrun.options.schema_validation import InvalidValueError
-from mjrun.options.simulation import CONTROLS, RUN_REQUIREMENTS, START, TABLE_READING, SimulationOptions
+from mjrun.options.simulation import (
+    CONTROLS,
+    RUN_REQUIREMENTS,
+    START,
+    TABLE_READING,
+    SimulationOptions,
+)
 from mjrun.physics.control import ControlNoise, ControlSources, ControlTable, PeriodicController, PushForces
 from mjrun.physics.initial_state import InitialState
 from mjrun.physics.simulation_loop import RecordedInputs, ReplayStepper, require_model, require_timestep
@@ -306,6 +312,7 @@ class Simulation(SimulationOptions):
         """
         if self.control_dt is not None and self.controller is self.policy is None:
             raise UsageError(f"{option('control_dt')} requires {option('controller')}, which it calls periodically")
+        self._require_partners()
         if self.episode is not None:
             return self.episode.stepper(model.opt.enableflags)
         if self.replay is None and isinstance(self.source, Task):
@@ -313,12 +320,6 @@ class Simulation(SimulationOptions):
             raise UsageError(f"{text} is a task: select a {option('policy')} for it: a file, zero or random")
         if self.replay is not None:
             return self._replay_controls(model) if self.replay_mode == CONTROLS else self._replay_states(model)
-        if not self._motions:  # of a ghost, either
-            for name in filter(lambda name: is_given(self, name), TABLE_READING):
-                raise UsageError(f"{option(name)} requires a table for {option('replay')}")
-        for each in RUN_REQUIREMENTS:
-            if is_given(self, each.name) and not is_given(self, each.partner):
-                raise UsageError(each.message(), (each.name,))
         data = self.initial_data(model)
         timestep = rational(model.opt.timestep)
         table = controller = None
@@ -331,6 +332,27 @@ class Simulation(SimulationOptions):
             controller = PeriodicController(function, self.control_dt or timestep, timestep)
         control = ControlSources(timestep, data.ctrl.copy(), table, self._noise(model), controller)
         return PhysicsStepper(model, data, control, self._pushes(model))
+
+    def _require_partners(self) -> None:
+        """Raises UsageError if an option is given that has no effect without another one.
+
+        Tables may be those of `replay` or of ghosts, which are read before.
+        """
+        replays_table = self.replay is not None and not is_recording(self._stored(self.replay))
+        if not (replays_table or self._motions):
+            for name in filter(lambda name: is_given(self, name), TABLE_READING):
+                shown = f"{option(name)} requires a table for {option('replay')}"
+                raise UsageError(
+                    shown if self.replay is None else f"{shown}; a recording holds all of the state", (name,)
+                )
+        others = set[str]()  # whose partners are elsewhere
+        if replays_table:
+            others.add("ctrl_interpolation")  # of its columns ctrl/…
+        if self.episode is not None:
+            others.add("ctrl_noise_time")  # of the noise of the task, which checks it
+        for each in RUN_REQUIREMENTS:
+            if each.name not in others and is_given(self, each.name) and not is_given(self, each.partner):
+                raise UsageError(each.message(), (each.name,))
 
     def notes(self, model: mujoco.MjModel) -> list[str]:
         """Returns information for the user before the simulation runs."""
@@ -365,7 +387,7 @@ class Simulation(SimulationOptions):
                 if error.path[:1] != ("map",) or len(error.path) == 1:  # a hint, not an error in the map
                     error.path = ("replay",)
                 raise
-        for name in (*START, "map", "replay_rate"):
+        for name in START:
             if is_given(self, name):
                 raise UsageError(
                     OptionExclusion(("replay", name), "a recording holds all of the state").message(), (name,)

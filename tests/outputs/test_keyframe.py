@@ -244,6 +244,27 @@ def test_a_replay_gives_the_same_numbers_as_the_simulation(swing: Path, tmp_path
             Trace(Simulation(swing, replay=f"{tmp_path}/r.npz", **start), f"{tmp_path}/c.csv").run()  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize("mode", ["states", "controls"])
+@pytest.mark.parametrize(
+    "option",
+    [
+        {"map": "time=t"},
+        {"quat": "xyzw"},
+        {"replay_rate": 100},
+        {"replay_interpolation": "hold"},
+        {"replay_unwrap": True},
+        {"ctrl_interpolation": "linear"},
+        {"ctrl_noise_time": 0.1},
+    ],
+)
+def test_a_replay_of_a_recording_refuses_options_that_have_no_effect_on_it(
+    swing: Path, tmp_path: Path, mode: str, option: dict[str, Any]
+) -> None:
+    Recording(Simulation(swing, steps=10), f"{tmp_path}/r.npz").run()
+    with pytest.raises(UsageError, match=f"^{next(iter(option))} requires "):
+        Trace(Simulation(swing, replay=f"{tmp_path}/r.npz", replay_mode=mode, **option), f"{tmp_path}/c.csv").run()
+
+
 @pytest.mark.parametrize(
     ("change", "told"),
     [

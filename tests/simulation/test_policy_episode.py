@@ -172,6 +172,17 @@ def test_what_does_not_go_with_a_policy_is_refused(options: dict[str, Any], mess
         Simulation("gym:Ant-v5", **options)
 
 
+@pytest.mark.parametrize(
+    "options",
+    [{"quat": "xyzw"}, {"replay_unwrap": True}, {"ctrl_interpolation": "linear"}, {"replay_mode": "controls"}],
+)
+def test_an_episode_refuses_options_about_tables_that_it_does_not_read(
+    task: Path, tmp_path: Path, options: dict[str, Any]
+) -> None:
+    with pytest.raises(UsageError, match=f"^{next(iter(options))} requires "):
+        Trace(Simulation(read_task(task), policy="zero", **options), f"{tmp_path}/t.csv").run()
+
+
 def test_a_model_alone_is_played_where_the_file_of_the_policy_says_the_rest(tmp_path: Path) -> None:
     (tmp_path / "robot.xml").write_text(MODEL.format("", MOTORS.format("")))
     (tmp_path / "task.yaml").write_text(DOCUMENT)

@@ -144,6 +144,12 @@ def test_a_ghost_follows_a_table_of_others_by_the_map_of_the_simulation_or_its_o
     assert simulation.stepper(model).step == 0  # the map is not idle
     with pytest.raises(UsageError, match=r"^map requires a table for replay"):
         Simulation(swing, map="time=t", steps=5).stepper(model)
+    Recording(Simulation(swing, steps=300), f"{tmp_path}/r.npz").run()
+    replay = Simulation(swing, replay=f"{tmp_path}/r.npz", map=simulation.map)
+    with pytest.raises(UsageError, match=r"^map requires a table for replay; a recording holds all of the state"):
+        replay.stepper(model)
+    ghosts(ViewOptions(ghost=[f"trace={tmp_path}/log.csv"]), model, replay)
+    assert replay.stepper(model).step == 0
     for ghost, message in (
         (f"trace={tmp_path}/log.csv,map=none", "has no positions of this model"),
         ("map=none", "map requires trace=FILE"),
