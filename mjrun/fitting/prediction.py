@@ -16,7 +16,7 @@ from mjrun.model.names import control_names
 from mjrun.model.override import Override
 from mjrun.model.variants import VariantLoader
 from mjrun.physics.engine import AUTORESET, ENERGY, CEngine
-from mjrun.probe.fields import Fields, RecordedFieldProbe
+from mjrun.probe.fields import Fields, RecordedFieldProbe, kinetic_sensors
 from mjrun.probe.select import select
 from mjrun.probe.vocabularies import ModelVocabulary
 from mjrun.simulation.simulation import Simulation
@@ -166,7 +166,7 @@ class Predictor:
 
     def _set_flags(self, model: mujoco.MjModel) -> None:
         model.opt.disableflags |= AUTORESET
-        if self._needs_energy:
+        if self._needs_energy or kinetic_sensors(model):
             model.opt.enableflags |= ENERGY
 
     def model_with(self, values: Sequence[float] | None, added: Sequence[Override] = ()) -> mujoco.MjModel:

@@ -40,8 +40,8 @@ SPATIAL_UNITS: dict[str, dict[str, str]] = dict.fromkeys(("cfrc_int", "cfrc_ext"
 SPATIAL_UNITS |= {"cvel": {"w": "rad/s", "v": "m/s"}, "cacc": {"w": "rad/s²", "v": "m/s²"}}
 
 # Fields that cannot be measured, and the reasons.
-UNMEASURABLE = dict.fromkeys(("qH", "qHDiagInv", "qDeriv", "qLU"), "an integrator computes it in the middle of a step")
-UNMEASURABLE |= {
+UNMEASURABLE: dict[str, str] = {
+    **dict.fromkeys(("qH", "qHDiagInv", "qDeriv", "qLU"), "an integrator computes it in the middle of a step"),
     "flexvert_lambda": "a step passes it on to the next, outside the state",
     "flexvert_conage": "a step passes it on to the next, outside the state",
     "plugin_data": "it holds addresses in memory",
@@ -131,7 +131,15 @@ def extents() -> dict[str, tuple[tuple[str | int, ...], str]]:
 
 def offered(model: mujoco.MjModel) -> list[str]:
     """Returns the fields that have columns in `model`."""
-    return [name for name in extents() if math.prod(_shape(model, name))]
+    return [name for name in extents() if math.prod(_shape(model, name)) and not unmeasurable(model, name)]
+
+
+def unmeasurable(model: mujoco.MjModel, field: str) -> str:
+    """Returns why `field` cannot be measured at an instant of `model`; empty if it can be, or if none has that name."""
+    is_discrete = bool(model.opt.enableflags & mujoco.mjtEnableBit.mjENBL_INVDISCRETE)
+    if field == "qfrc_inverse" and is_discrete and model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
+        return "MuJoCo's inverse dynamics of discrete time (flag invdiscrete) excludes the integrator RK4"
+    return UNMEASURABLE.get(field, "")
 
 
 def field_probe(model: mujoco.MjModel, field: str, group: str = "") -> Probe:
@@ -145,12 +153,39 @@ def recorded_probe(model: mujoco.MjModel, field: str, group: str = "") -> Record
     """Returns the probe of a field as a step leaves it; fields in `LAZY` are valid only if a sensor needs them."""
     columns = tuple(_columns(model, field, group or field))
     axes = len(extents()[field][0])
+    if field == "sensordata" and (kinetic := kinetic_sensors(model)):
+        return _sensor_probe(model, columns, kinetic)
 
     def compute(fields: Fields, initial: Fields) -> np.ndarray:
         values = fields[field]
         return values.reshape(*values.shape[: values.ndim - axes], -1).astype(float, copy=False)
 
     return RecordedFieldProbe(columns, (field,), compute, places=range(len(columns)))
+
+
+def kinetic_sensors(model: mujoco.MjModel) -> list[int]:
+    """Returns the ids of the sensors of kinetic energy whose values are those of the instant."""
+    if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_SENSOR:
+        return []
+    is_kinetic = model.sensor_type == mujoco.mjtSensor.mjSENS_E_KINETIC
+    is_late = (model.sensor_delay > 0) | (model.sensor_interval[:, 0] > 0)
+    return np.flatnonzero(is_kinetic & ~is_late).tolist()
+
+
+def _sensor_probe(model: mujoco.MjModel, columns: Sequence[Column], kinetic: Sequence[int]) -> RecordedFieldProbe:
+    """Returns the probe of sensors, of which those of kinetic energy are read from the energy of the instant.
+
+    With the energy flag, which measuring energy sets, MuJoCo gives these sensors the energy of the step before.
+    """
+    places, cutoffs = model.sensor_adr[kinetic], model.sensor_cutoff[kinetic]
+    limits = np.where(cutoffs > 0, cutoffs, np.inf)
+
+    def compute(fields: Fields, initial: Fields) -> np.ndarray:
+        values = fields["sensordata"].astype(float)
+        values[..., places] = np.minimum(fields["energy"][..., 1:], limits)
+        return values
+
+    return RecordedFieldProbe(columns, ("sensordata", "energy"), compute)
 
 
 _compute_inverse = partial(mujoco.mj_inverseSkip, skipstage=int(mujoco.mjtStage.mjSTAGE_VEL), skipsensor=True)

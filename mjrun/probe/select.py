@@ -18,12 +18,12 @@ from mjrun.probe.episode_columns import EPISODE_GROUPS, EpisodeColumns, EpisodeP
 from mjrun.probe.fields import (
     COMPONENTS,
     SPATIAL,
-    UNMEASURABLE,
     MjDataProbe,
     RecordedFieldProbe,
     extents,
     field_probe,
     offered,
+    unmeasurable,
 )
 
 ALIASES = {"sensor": "sensordata"}
@@ -94,6 +94,12 @@ def split(text: str) -> list[str]:
     return [part for part in re.split(r",(?![^\[]*\])", text) if part.strip()]
 
 
+def require_measurable(model: mujoco.MjModel, field: str) -> None:
+    """Raises `UsageError` if `field` cannot be measured at an instant of `model`."""
+    if reason := unmeasurable(model, field):
+        raise UsageError(f"{option('probe')}: {field} cannot be measured at an instant: {reason}")
+
+
 def available_columns(
     model: mujoco.MjModel, episode: EpisodeColumns | None = None, groups: Container[str] | None = None
 ) -> list[Column]:
@@ -155,8 +161,7 @@ def _whole(model: mujoco.MjModel, episode: EpisodeColumns | None, name: str) -> 
     if name in DERIVED:
         return DERIVED[name](model)
     field = ALIASES.get(name, name)
-    if field in UNMEASURABLE:
-        raise UsageError(f"{option('probe')}: {field} cannot be measured at an instant: {UNMEASURABLE[field]}")
+    require_measurable(model, field)
     if field not in extents():
         called = re.fullmatch(r"(\w+)\((.+)\)", name)  # as in expressions
         meant = (f"{called[1]}[{called[2]}]",) if called else EVERYDAY_NAMES.get(name.lower().removesuffix("s"), ())

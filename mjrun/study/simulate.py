@@ -30,7 +30,7 @@ from mjrun.physics.stepper import SLEEP
 from mjrun.physics.warp_device import PerWorldFields, WarpDevice
 from mjrun.physics.warp_engine import WarpEngine
 from mjrun.probe.episode_columns import EpisodeColumns
-from mjrun.probe.fields import RecordedFieldProbe
+from mjrun.probe.fields import RecordedFieldProbe, kinetic_sensors
 from mjrun.probe.metric import BatchMetricEvaluator, Metric
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.spec import PointResult, StudyPoint, StudySpec, is_path
@@ -154,7 +154,8 @@ class PointSimulator:
     def _prepare(self, model: mujoco.MjModel) -> None:
         """Sets the flags that simulations need, so that the model does not have to be copied for them."""
         model.opt.disableflags |= AUTORESET
-        if any("energy" in text for text in (*dict(self._spec.metrics).values(), self._spec.base.until or "")):
+        texts = (*dict(self._spec.metrics).values(), self._spec.base.until or "")
+        if any("energy" in text for text in texts) or kinetic_sensors(model):
             model.opt.enableflags |= ENERGY
 
     def _measured(self, model: mujoco.MjModel, simulation: Simulation) -> "_CompiledModel":

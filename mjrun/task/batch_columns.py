@@ -24,7 +24,7 @@ from mjrun.model.table_column import Column
 from mjrun.physics.stepper import RK4, SLEEP
 from mjrun.probe.episode_columns import EpisodeProbe
 from mjrun.probe.fields import LAZY, MjDataProbe, Probe, RecordedFieldProbe, extents, recorded_probe
-from mjrun.probe.select import ALIASES, PAIRS, select
+from mjrun.probe.select import ALIASES, PAIRS, require_measurable, select
 
 NONE, POSITION, VELOCITY, ACCELERATION = range(4)  # MuJoCo's stages of computation, `mjtStage`
 # Derived fields that are complete before the last stage; all others need the last.
@@ -339,6 +339,7 @@ class MeasurementPlan:
         """Returns the columns of a group, and the probe that has them."""
         field = ALIASES.get(group, group)
         if field in extents():
+            require_measurable(self._model, field)
             probe: Probe = recorded_probe(self._model, field, group)
         else:
             (selected,) = select(self._model, [group])

@@ -94,6 +94,31 @@ def test_an_event_may_be_about_energy_in_a_model_that_leaves_it_out() -> None:
     detector.close()
 
 
+SENSORS = """
+<mujoco>
+  <option integrator="{integrator}"><flag energy="{energy}"/></option>
+  <worldbody><body><joint name="h" axis="0 1 0"/><geom size=".05" pos=".3 0 0"/></body></worldbody>
+  <sensor><jointpos joint="h"/><e_kinetic name="all"/><e_kinetic name="some" cutoff=".002"/><e_potential/></sensor>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize("probes", [["sensor"], ["sensor[all]", "sensor[some]", "energy", "cacc"]])
+@pytest.mark.parametrize("energy", ["enable", "disable"])
+@pytest.mark.parametrize("integrator", ["Euler", "RK4", "implicitfast"])
+def test_a_sensor_of_kinetic_energy_belongs_to_the_instant_of_its_row(
+    integrator: str, energy: str, probes: Sequence[str]
+) -> None:
+    model = mujoco.MjModel.from_xml_string(SENSORS.format(integrator=integrator, energy=energy))
+    table = ProbeSampler(model, ["qvel", *probes], Timeline.of_steps(rational(model.opt.timestep), STEPS))
+    rows = np.concatenate([block().values for block in table.blocks(stepper_of(table), range(STEPS + 1))])
+    velocity, whole, limited = (rows[:, table.names.index(name)] for name in ("qvel/h", "sensor/all", "sensor/some"))
+    inertia = model.dof_M0[0]  # constant: there is one hinge
+    np.testing.assert_allclose(whole, inertia * velocity**2 / 2, rtol=1e-12)
+    assert np.array_equal(limited, np.minimum(whole, 0.002))
+    assert whole.max() > 0.002
+
+
 FIELDS = ("qpos", "qvel", "act", "ctrl", "qacc", "energy", "sensordata", "xpos", "cvel", "ncon", "qfrc_constraint")
 BODY = """
 <mujoco>

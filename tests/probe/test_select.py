@@ -5,7 +5,7 @@ from pathlib import Path
 import mujoco
 import pytest
 
-from mjrun.errors import MjrunError, UnknownNameError
+from mjrun.errors import MjrunError, UnknownNameError, UsageError
 from mjrun.options.trace import PROBES
 from mjrun.probe.select import aliases, available_columns, column_groups, select, selected_columns, split
 from tests.cases import cases, mjcf
@@ -48,6 +48,18 @@ def test_a_wrong_probe_is_refused_with_what_is_right(asked: list[str], message: 
         select(MODEL, asked)
     assert caught.value.exit_code == 2
     assert message in str(caught.value)
+
+
+def test_inverse_dynamics_is_refused_where_mujoco_has_none() -> None:
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><option integrator="RK4"><flag invdiscrete="enable"/></option><worldbody><body><freejoint/>'
+        '<geom size=".1"/></body></worldbody></mujoco>'
+    )
+    assert not [column for column in available_columns(model) if column.name.startswith("qfrc_inverse")]
+    with pytest.raises(UsageError, match=r"qfrc_inverse cannot be measured at an instant: .*invdiscrete.* RK4"):
+        select(model, ["qfrc_inverse"])
+    model.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    assert len(select(model, ["qfrc_inverse"])[0].columns) == 6
 
 
 def test_the_name_of_a_body_suggests_its_unnamed_joint() -> None:

@@ -154,6 +154,18 @@ def test_lagged_quantities_are_those_of_the_state_before_the_last_step(probes: l
         np.testing.assert_array_equal(observed[-np.concatenate(expected).size :], np.concatenate(expected))
 
 
+@pytest.mark.parametrize("derived", ["current", "lagged"])
+def test_a_sensor_of_kinetic_energy_shows_the_same_instant_as_the_energy(tmp_path: Path, derived: str) -> None:
+    text = CART.replace("<keyframe>", '<sensor><e_kinetic name="all"/></sensor><keyframe>')
+    (tmp_path / "cart.xml").write_text(text)
+    observed = [Observation(name=name, probe=name) for name in ("sensor/all", "energy/kinetic")]
+    worlds = TaskWorlds(replace_model(cart(observations=observed, derived=derived), tmp_path / "cart.xml"), 1)
+    seen = [worlds.reset([3])] + [worlds.step(action).observations for action in random_actions(5, 1, 2)]
+    sensed, kinetic = np.concatenate(seen).T
+    np.testing.assert_array_equal(sensed, kinetic)
+    assert np.unique(sensed).size == sensed.size
+
+
 @pytest.mark.parametrize("flag", ["", '<option><flag sleep="enable"/></option>'], ids=["awake", "asleep"])
 @pytest.mark.parametrize("derived", ["current", "lagged"])
 def test_a_quantity_does_not_depend_on_what_else_is_observed(tmp_path: Path, derived: str, flag: str) -> None:
