@@ -81,7 +81,9 @@ class Image(ImageOptions, VideoOrImageRequest["ImageResult"]):
           UsageError: an event does not happen.
         """
         timeline = scene.context.timeline
-        return image_schedule(scene.scripts, timeline, event_steps, step=_step(self, timeline, event_steps))
+        step = _step(self, timeline, event_steps)
+        scene.context.require_before_end(step, "time" if self.step is None else "step")
+        return image_schedule(scene.scripts, timeline, event_steps, step=step)
 
     def plan(self, context: output.PassContext) -> "output.OutputPlan[ImageResult]":
         """Resolves every name in the model, and the step unless events decide."""

@@ -321,6 +321,7 @@ class Keyframe(KeyframeOptions, output.OutputRequest["KeyframeResult"]):
         step, timeline = self.step, context.timeline
         if step is None:
             step = timeline.steps if self.time is None else nearest(self.time / timeline.timestep)
+        context.require_before_end(step, "time" if self.step is None else "step")
         numbers = 1 + model.nq + model.nv + model.na + model.nu + 7 * model.nmocap
         about = f"{clean(self.name)}, {numbers} numbers"
         preview = output.OutputPreview("keyframe", self.output, 1, "key", [numbers], about)

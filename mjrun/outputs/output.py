@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 import mujoco
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import UsageError, clean
+from mjrun.errors import UsageError, clean, option
 from mjrun.formats.output_writer import OutputWriter
 from mjrun.options.option import options
 from mjrun.options.output import OutputOptions
@@ -89,6 +89,26 @@ class PassContext:
     def episode(self) -> EpisodeColumns | None:
         """Additional columns that can be measured if a policy acts."""
         return self.simulation.episode.columns if self.simulation.episode else None
+
+    def require_before_end(self, step: int, name: str) -> None:
+        """Checks that `until` does not end the simulation before a step, which may be after its duration.
+
+        Args:
+          step: the step that the option `name` selects.
+
+        Raises:
+          UsageError: the simulation ends before.
+        """
+        end, simulation = self.timeline, self.simulation
+        if simulation.until is None or step <= end.steps:
+            return
+        from mjrun.outputs.event_detection import final_timeline  # which few simulations need
+
+        if end.steps == simulation.timeline(self.model).steps:  # the duration, after which the condition may hold
+            end = final_timeline(simulation.with_values({"steps": step, "duration": None}), self.model)
+        if end.steps < step:
+            shown = f"{option(name)}: {float(step * end.timestep):g} s is after the end of the simulation"
+            raise UsageError(f"{shown}, at {float(end.duration):g} s, where {option('until')} holds", (name,))
 
     def facts(self, request: object, timeline: Timeline | None = None) -> dict[str, object]:
         """Returns the facts for an output's manifest: its origin, in the whole `timeline` or part of it."""

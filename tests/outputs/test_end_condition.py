@@ -10,6 +10,8 @@ import pytest
 from mjrun.errors import UsageError
 from mjrun.outputs.event_detection import final_timeline
 from mjrun.outputs.export import Export
+from mjrun.outputs.image import Image
+from mjrun.outputs.keyframe import Keyframe
 from mjrun.outputs.perform import preview
 from mjrun.outputs.trace import Trace
 from mjrun.outputs.video import Video
@@ -107,3 +109,19 @@ def test_a_condition_on_the_initial_state_leaves_one_frame(tmp_path: Path) -> No
 def test_a_simulation_that_would_fail_after_its_end_has_no_warnings(tmp_path: Path) -> None:
     simulation = falling(tmp_path, "time >= 1", qvel={"drop": 9e9}, duration=2)
     assert not Trace(simulation, str(tmp_path / "t.csv")).run().warnings
+
+
+def test_images_and_keyframes_after_the_end_are_refused(tmp_path: Path) -> None:
+    end = first_step_below(-0.5)
+    for ended in (falling(tmp_path, "qpos/drop < -0.5"), falling(tmp_path, "qpos/drop < -0.5", duration=0.1)):
+        for request in (
+            Image(ended, f"{tmp_path}/a.png", step=end + 1, size=(16, 16)),
+            Keyframe(ended, f"{tmp_path}/a.xml", step=end + 1),
+        ):
+            with pytest.raises(
+                UsageError, match=r"^step: .* s is after the end of the simulation, at .* s, where until"
+            ):
+                request.run()
+        assert Keyframe(ended, f"{tmp_path}/b.xml", step=end).run().step == end
+    with pytest.raises(UsageError, match=r"^time: 3 s is after the end"):
+        Image(ended, f"{tmp_path}/a.png", time=3, size=(16, 16)).run()
