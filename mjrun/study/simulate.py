@@ -135,7 +135,8 @@ class PointSimulator:
         else:  # which has a separate model and additional columns
             if self._spec.engine == "warp":
                 raise UsageError(NOT_IN_WARP)
-            model = episode.model()
+            model = copy.copy(episode.model())  # which other episodes share
+            self._prepare(model)
             variant, compiled = ModelVariant(SharedCompilation(None, model)), self._measured(model, simulation)
 
         ready = _ReadyPoint(point, simulation, variant, compiled)

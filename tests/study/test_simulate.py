@@ -23,6 +23,7 @@ from mjrun.simulation.simulation import Simulation
 from mjrun.study import simulate
 from mjrun.study.simulate import PointSimulator
 from mjrun.study.spec import PointResult, StudyPoint, StudySpec, with_end
+from tests.evaluation.tasks import cart_task
 from tests.study.models import BALL, BALL_WITH_MEMORY, PENDULUM
 
 METRICS = (
@@ -334,3 +335,14 @@ def test_a_metric_of_the_momentum_has_the_masses_of_each_point(tmp_path: Path) -
     assert first < 0
     for result, mass in zip(results, (1, 2, 4, 8), strict=True):
         np.testing.assert_allclose(result.metrics, (mass * first,), rtol=1e-12)
+
+
+def test_the_energy_of_an_episode_is_measured_although_its_model_leaves_energy_out(tmp_path: Path) -> None:
+    task = cart_task(tmp_path)
+    metrics = (("energy", "max(energy/kinetic)"), ("speed", "max(abs(qvel/slider))"))
+    spec = StudySpec(Simulation(task, policy="random"), ("seed",), metrics)
+    mass = mujoco.MjModel.from_xml_path(str(tmp_path / "cart.xml")).body("cart").mass[0]
+    for result in simulated(spec, [("3",), ("4",)]):
+        energy, speed = result.metrics
+        assert speed > 0
+        assert energy == pytest.approx(mass * speed**2 / 2, rel=1e-12)
