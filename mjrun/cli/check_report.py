@@ -125,12 +125,12 @@ def cases(result: CheckResult) -> Iterator[CiVerdict]:
 
 
 def statistics(result: CheckResult) -> Iterator[str]:
-    """Yields a line per rule with the number of its findings, most frequent first."""
+    """Yields a line per rule and severity with the number of its findings, most frequent first."""
     rules = rule_table()
-    counts = Counter(finding.code for finding, _ in _all(result.models))
+    counts = Counter((finding.code, finding.severity) for finding, _ in _all(result.models))
     width = len(str(max(counts.values(), default=0)))
-    for code, count in sorted(counts.items(), key=lambda item: (-item[1], item[0])):
-        yield f"{count:{width}}  {code}  {rules[code].severity:7}  {rules[code].title}"
+    for (code, severity), count in sorted(counts.items(), key=lambda item: (-item[1], item[0])):
+        yield f"{count:{width}}  {code}  {severity:7}  {rules[code].title}"
 
 
 def scan_lines(result: CheckResult) -> Iterator[str]:

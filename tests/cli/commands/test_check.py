@@ -202,13 +202,17 @@ def test_statistics_count_the_findings_of_each_rule(models: Command) -> None:
     listed = models("check", "warned.xml", "worse.xml", "noted.xml")
     counted = models("check", "warned.xml", "worse.xml", "noted.xml", "--statistics")
 
-    found = re.findall(r": \w+ (MJ\d+): ", listed.stdout.decode())
+    found = re.findall(r": (\w+) (MJ\d+): ", listed.stdout.decode())
     assert counted.stdout.decode().splitlines() == [
-        f"{number}  {code}  {RULES[code].severity:7}  {RULES[code].title}"
-        for code, number in sorted(Counter(found).items(), key=lambda item: (-item[1], item[0]))
+        f"{number}  {code}  {severity:7}  {RULES[code].title}"
+        for (severity, code), number in sorted(Counter(found).items(), key=lambda item: (-item[1], item[0][::-1]))
     ]
     assert len(set(found)) == 2
     assert listed.stdout.decode().splitlines()[-1] in counted.stderr.decode()
+
+    (models.folder / "mjrun.toml").write_text(f'[check.severity]\n{found[0][1]} = "error"\n')
+    changed = models("check", "warned.xml", "worse.xml", "noted.xml", "--statistics").stdout.decode()
+    assert f"{found[0][1]}  error    " in changed
 
 
 def test_a_code_that_is_none_is_answered_with_one_that_is(models: Command) -> None:
