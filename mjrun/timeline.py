@@ -16,6 +16,7 @@ from mjrun.dataclass import dataclass
 LENGTHS = 64  # remembered lengths of runs
 EXACT = 2**53  # below it every integer is a float
 _VAST = re.compile(r"[eE][+-]?\d(_?\d){3}")
+FLOAT_ROUNDING = Fraction(1, 2**50)  # relative; more than a product and a quotient of floats are off
 
 
 def rational(value: float | str | Fraction) -> Fraction:
@@ -50,6 +51,15 @@ def seconds(steps: Any, timestep: Fraction) -> Any:
 def nearest(value: Fraction) -> int:
     """Rounds `value` to the nearest integer, halves up, so that even spacing stays even."""
     return math.floor(value + Fraction(1, 2))
+
+
+def unrounded(quotient: Fraction) -> Fraction:
+    """Returns the integer that a quotient of times differs from by the rounding of floats alone, or the quotient.
+
+    `3 * 0.1` is a little more than 0.3, and yet means three times 0.1.
+    """
+    whole = nearest(quotient)
+    return Fraction(whole) if abs(quotient - whole) <= quotient * FLOAT_ROUNDING else quotient
 
 
 def nanoseconds(time: Fraction) -> int:

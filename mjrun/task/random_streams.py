@@ -14,6 +14,7 @@ from mjrun.formats.table_reader import read_table
 from mjrun.physics.random_distribution import draw_numbers
 from mjrun.physics.timed_rows import TimedRows
 from mjrun.task.task import Command
+from mjrun.timeline import unrounded
 
 MODEL, START, COMMANDS, OBSERVATIONS = range(4)
 WORD = 2**32 - 1  # the largest seed of one word
@@ -166,7 +167,7 @@ def _table(file: str, times: np.ndarray, linear: bool, control_dt: float) -> np.
 
 
 def _periods(every: Fraction, control_dt: Fraction) -> int:
-    periods = every / control_dt
+    periods = unrounded(every / control_dt)
     if periods.denominator != 1:
         message = f"{float(every):g} s is not a whole number of control periods of {float(control_dt):g} s"
         raise UsageError(f"{option('every')}: {message}")

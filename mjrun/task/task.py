@@ -3,6 +3,7 @@
 The terms of a task check their own options; names are looked up in the model later, by `mjrun.task.worlds`.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import field, replace
@@ -24,7 +25,7 @@ from mjrun.options.simulation import NO_DISTURBANCES, NOISE_REQUIREMENT, Disturb
 from mjrun.options.task import COMMANDED, CONTROL, CURRENT, DERIVED, OBSERVED, POSITION, VELOCITY
 from mjrun.physics.random_distribution import parse_distribution
 from mjrun.task.episode import Ending, EndingKind
-from mjrun.timeline import rational
+from mjrun.timeline import rational, unrounded
 
 TIMED_OUT, UNSTABLE = Ending("timeout", "timeout"), Ending("unstable", "failure")  # endings of every task
 RESERVED = (TIMED_OUT.name, UNSTABLE.name)
@@ -315,7 +316,7 @@ class Task(ModelSource):
           UsageError: the control period is not a whole number of timesteps.
         """
         timestep = rational(model.opt.timestep)
-        steps = self.control_dt / timestep
+        steps = unrounded(self.control_dt / timestep)
         if steps.denominator != 1:
             message = f"{float(self.control_dt):g} s is {float(steps):g} timesteps of {float(timestep):g} s"
             raise UsageError(f"{option('control_dt')}: {message}; it must be a whole number of them")
@@ -324,7 +325,7 @@ class Task(ModelSource):
     @property
     def periods(self) -> int:
         """The most control periods of an episode: the last one ends at or after its duration."""
-        return -(-self.duration // self.control_dt)
+        return math.ceil(unrounded(self.duration / self.control_dt))
 
     def _check(self) -> None:
         if self.periods > MOST_PERIODS:

@@ -54,6 +54,15 @@ def test_periods_are_whole() -> None:
         task(control_dt=0.012).control_steps(model)
 
 
+@pytest.mark.parametrize("timestep", [0.001, 0.1, 1 / 240])
+def test_a_product_of_floats_is_the_whole_number_of_periods_that_it_means(timestep: float) -> None:
+    model = mujoco.MjModel.from_xml_string(f'<mujoco><option timestep="{timestep!r}"/></mujoco>')
+    for count in range(1, 100):
+        made = task(control_dt=count * timestep, duration=count * 7 * timestep)
+        assert made.control_steps(model) == count
+        assert made.periods == 7
+
+
 @pytest.mark.parametrize(
     ("values", "message", "path"),
     [
