@@ -311,6 +311,7 @@ class PhysicsStepper:
                         break
                     due = next(calls)
                     warnings = data.warning.number.copy() if self._may_move_poses else None
+                    data.flg_energyvel = False  # no step resets it: a sensor would show the energy of the last one
                     mujoco.mj_step1(model, data)
                     try:
                         is_moved = call(step)
@@ -422,6 +423,7 @@ class PhysicsStepper:
     def _derive_motion(self) -> None:
         """Computes positions and velocities in place."""
         self._save()
+        self._data.flg_energyvel = False  # no step resets it: a sensor would show the energy of the last one
         try:
             mujoco.mj_step1(self.model, self._data)
         except mujoco.FatalError as error:

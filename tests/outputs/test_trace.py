@@ -77,6 +77,20 @@ def test_tracing_does_not_change_the_motion(tmp_path: Path) -> None:
         assert few[name][-1] == many[name][-1]
 
 
+def test_a_controller_that_senses_kinetic_energy_does_not_depend_on_what_is_measured(tmp_path: Path) -> None:
+    sensed = SLIDE.replace("</mujoco>", '<sensor><e_kinetic name="all"/></sensor></mujoco>')
+    model = mujoco.MjModel.from_xml_string(sensed)
+
+    def act(model: mujoco.MjModel, data: mujoco.MjData) -> list[float]:
+        return [data.sensor("all").data[0] + 0.5, 0.1]
+
+    simulation = Simulation(model, steps=60, controller=act)
+    plain = trace(tmp_path, simulation, probe=["qpos", "ctrl"])
+    for probes in (["energy"], ["sensor"], ["energy", "cacc"]):
+        found = trace(tmp_path, simulation, probe=["qpos", "ctrl", *probes])
+        assert all(np.array_equal(found[name], plain[name]) for name in plain)
+
+
 LAZY = {
     "cfrc_ext": mujoco.mj_rnePostConstraint,
     "cfrc_int": mujoco.mj_rnePostConstraint,
