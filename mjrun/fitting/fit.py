@@ -85,7 +85,7 @@ class NoiseRatios:
       shares: residual over spread of each signal, `(signals,)`.
       reduced: reduced χ², about 1 if the model explains all but noise.
       loss: loss function of the residuals.
-      estimate: parameters by regression on simulated logs, if contacts make the motion rough.
+      estimate: parameters and their errors if contacts make the motion rough.
       correlation: largest correlation of the noise of consecutive samples of a signal.
     """
 

@@ -190,7 +190,7 @@ def intervals(
     whole = all_information(solution, parameters)
     generator = np.random.default_rng(seed)
     if solution.loss == "linear" and is_white(solution, informations, scores, whole):
-        moves, widened = _scattered(solution, whole, generator), 1.0
+        moves, widened = scattered(solution, parameters, seed), 1.0
     else:
         moves = _bootstrapped(informations, scores, whole, generator)
         freedom = _degrees_of_freedom(informations, whole)
@@ -243,12 +243,13 @@ def is_white(solution: Solution, informations: Floats, scores: Floats, whole: Fl
     return bool((observed * freedom < special.chdtri(freedom, DOUBT)).all())
 
 
-def _scattered(solution: Solution, whole: Floats, generator: np.random.Generator) -> Floats:
-    """Draws deviations of the coordinates from the truth by Student's t, `(DRAWS, p)`."""
+def scattered(solution: Solution, parameters: Sequence[FreeParameter], seed: int) -> Floats:
+    """Draws deviations of coordinates from the truth by Student's t, `(DRAWS, p)`, if the noise is white."""
+    generator = np.random.default_rng(seed)
     numbers = sum(int(np.isfinite(each).sum()) for each in solution.residuals)
     freedom = max(numbers - solution.unknowns, 1)
-    root = _inverse_root(whole)
-    draws = generator.normal(size=(DRAWS // 2, len(whole)))
+    root = _inverse_root(all_information(solution, parameters))
+    draws = generator.normal(size=(DRAWS // 2, len(root)))
     draws = np.concatenate([draws, -draws]) * solution.cost * np.sqrt(numbers / freedom)
     return draws / np.sqrt(generator.chisquare(freedom, (DRAWS, 1)) / freedom) @ root.T
 

@@ -293,7 +293,9 @@ class ChunkInitialStates:
         self.size = 2 * model.nv + model.na
 
     def moved(self, guess: np.ndarray, deviation: np.ndarray) -> np.ndarray:
-        """Returns the integration state `(nstate,)` that deviates from `guess` by `deviation` `(size,)`."""
+        """Returns the integration state `(nstate,)` that deviates from `guess` by `deviation`, `(size,)` or empty."""
+        if not len(deviation):
+            return guess
         model, data, nv = self._model, self._data, self._model.nv
         state.restore(model, data, guess)
         mujoco.mj_integratePos(model, data.qpos, deviation[:nv], 1.0)

@@ -22,11 +22,13 @@ from mjrun.fitting.gauss_newton import (
     GaussNewton,
     is_rough,
 )
+from mjrun.fitting.information import scattered
 from mjrun.fitting.measurements import LogSegment, least_noise, shared
 from mjrun.fitting.prediction import Chunk, ChunkInitialStates, Predictor, chunks
 from mjrun.fitting.shooting_problem import (
     Advanced,
     Floats,
+    RegressionEstimate,
     Result,
     ShootingProblem,
     Simulating,
@@ -41,6 +43,7 @@ SHORTEST = 24  # rows of the shortest stretches
 GROWTH = 2
 FINE = 1e-4  # reduced χ² below which derivatives have found the motion exactly
 CONTACT_EVALUATIONS = 24  # limit of evaluations beside contacts
+MOST_PAIRS = 400  # rows of a segment from which measured states are followed to the next row
 OTHERS = 2  # other starts of whole segments before stretches are tried
 MODEST = 100.0  # reduced χ² below which other starts are tried, and searches that end alike confirm each other
 ALIKE = 0.01  # relative difference of the costs of two searches that end alike
@@ -87,7 +90,17 @@ class ShootingFit:
 
     def cut(self, segments: Sequence[LogSegment], rows: int = WHOLE) -> list[Chunk]:
         """Cuts segments into chunks of about `rows` rows."""
-        return chunks(segments, rows, self._predictor.timestep, self._predictor.lead)
+        parts = chunks(segments, rows, self._predictor.timestep, self._predictor.lead)
+        return [part if part.rows.start else self._begun(part) for part in parts]
+
+    def _begun(self, part: Chunk) -> Chunk:
+        """Returns the chunk at the beginning of a segment, without its first row if only the second shows its state.
+
+        That is so if positions alone are measured: velocities are known from the second row on.
+        """
+        rows, positions = slice(part.rows.start + 1, part.rows.stop), part.positions[1:] - 1
+        second = replace(part, rows=rows, first_step=part.first_step + 1, positions=positions)
+        return second if self._sampled([part]) is None and self._sampled([second]) is not None else part
 
     def guessed(self, parts: Sequence[Chunk], coordinates: Floats | None, before: Solution | None = None) -> Floats:
         """Guesses initial states from measurements and, for what is not measured, from the model.
@@ -119,6 +132,10 @@ class ShootingFit:
           coordinates: coordinates of the parameters; None for the original model.
         """
         solution = self._run(self._grown(parts, coordinates, noise, fixed=True))
+        if solution.reduced >= EXPLAINED and (states := self._sampled(parts)) is not None:
+            problem = self._problem(parts, coordinates, states, noise, fixed=True)
+            other = self._run(GaussNewton(problem).minimize(CONTACT_EVALUATIONS, ROUGH_TOLERANCE))
+            solution = min([solution, other], key=lambda each: each.cost)
         if not self._is_stopped(solution):
             return solution
         return min([solution, self._regressed(parts, coordinates, noise, fixed=True)], key=lambda each: each.cost)
@@ -165,7 +182,9 @@ class ShootingFit:
         own = self._run(self._grown(whole, None, noise, fixed=True))
         first = self._run(self._grown(whole, starts[0], noise, advanced=advanced))
         search = OriginalAndBestSolutions(own, first, ["whole segments"])
-        if self._is_stopped(first):
+        if first.reduced > FINE and not 1 / EXPLAINED < first.reduced < EXPLAINED:  # the noise is not as assumed
+            self._step(search, segments, starts[0], noise)
+        if self._is_stopped(search.best) and not _is_likely(search.best):
             self._regress(search, noise, advanced)
         if search.best.reduced >= EXPLAINED and not _is_likely(search.best):
             self._continue(search, segments, starts, noise, advanced)
@@ -174,6 +193,7 @@ class ShootingFit:
                 search.best = replace(search.best, estimate=None)
             elif not _is_likely(search.best):
                 self._regress(search, noise, advanced)
+        own = search.own
         if search.best.cost <= own.cost:
             return search
         if search.best.estimate:  # no simulation is nearer to the log than that of the original model
@@ -182,6 +202,50 @@ class ShootingFit:
             better = self.solve(whole, starts[0], own.states, noise)
             search.best = min([search.best, better], key=lambda each: each.cost)
         return search
+
+    def _step(
+        self, search: OriginalAndBestSolutions, segments: Sequence[LogSegment], start: Floats, noise: Floats
+    ) -> None:
+        """Continues a search from the parameters by which each measured state best follows from the one before.
+
+        Between neighbouring states, motions at contacts do not jump. Noise of the states biases these parameters, so
+        they replace others only where whole segments fit better with them: in logs with little noise.
+        """
+        pairs = [pair for segment in segments for pair in self._pairs(segment)]
+        known = [(pair, state) for pair in pairs if (state := self._sampled([pair])) is not None]
+        whole, first = search.best.chunks, self._sampled(search.best.chunks)
+        if first is None or len(known) < SHORTEST:
+            return
+        parts, states = zip(*known, strict=True)
+        problem = self._problem(parts, start, np.concatenate(states), noise, held=True)
+        end = self._run(GaussNewton(problem).minimize())
+        look = self.look(whole, end.coordinates, first, noise)
+        values = np.concatenate([part.values for part in whole])
+        is_exact = bool((end.observed_noise <= least_noise(values, self._predictor.rotations)).all())
+        if not is_exact and look.cost >= search.best.cost:
+            return
+        search.ways.append("steps from each measured state to the next")
+        if is_exact and self._is_stopped(look):  # rounding alone has made whole segments jump
+            own = self._problem(whole, None, first, noise, fixed=True)
+            search.own = self._run(GaussNewton(own).look())
+            draws = np.clip(end.coordinates + scattered(end, self._parameters, self._seed), 0, 1)
+            search.best = replace(look, estimate=RegressionEstimate(draws, probability=1.0))
+        else:
+            search.best = self.solve(whole, end.coordinates, first, noise)
+
+    def _pairs(self, segment: LogSegment) -> list[Chunk]:
+        """Returns chunks of two consecutive rows, at most about `MOST_PAIRS`."""
+        steps = segment.steps(self._predictor.timestep)
+        firsts = np.round(steps).astype(int).tolist()
+        count = len(steps) - 1
+        rows = range(0, count, max(count // MOST_PAIRS, 1))
+        return [Chunk(segment, slice(i, i + 2), firsts[i], steps[i : i + 2] - firsts[i]) for i in rows]
+
+    def _sampled(self, parts: Sequence[Chunk]) -> Floats | None:
+        """Returns the states that the first rows of chunks show, `(chunks, nstate)`; None if one shows none."""
+        states = [self._starting.sampled(part, self._predictor.timestep) for part in parts]
+        known = [each for each in states if each is not None]
+        return np.stack(known) if len(known) == len(parts) else None
 
     def _is_stopped(self, solution: Solution) -> bool:
         """Returns whether jumps of the motion at contacts may have ended a search."""
@@ -359,9 +423,10 @@ class ShootingFit:
         noise: Floats,
         *,
         fixed: bool = False,
+        held: bool = False,
     ) -> ShootingProblem:
         setting = (self._predictor, self._parameters, self._states)
-        return ShootingProblem(*setting, parts, coordinates, states, noise, self._loss, fixed)
+        return ShootingProblem(*setting, parts, coordinates, states, noise, self._loss, fixed, held)
 
     def _run(self, task: Simulating[Result]) -> Result:
         (result,) = together(self._predictor, [task])

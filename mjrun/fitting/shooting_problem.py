@@ -53,7 +53,7 @@ class ModelLack:
 
 @dataclass(frozen=True, eq=False)
 class RegressionEstimate:
-    """Parameters by regression on simulated logs.
+    """Parameters of a rough motion: by regression on simulated logs, or by steps between exact states.
 
     Attributes:
       draws: coordinates that the log permits, `(draws, p)`.
@@ -88,7 +88,7 @@ class Solution:
         `(n, signals, size)`.
       noise: assumed standard deviation of each signal, `(signals,)`.
       loss: loss function of the residuals.
-      estimate: parameters by regression on simulated logs, if contacts make the motion rough.
+      estimate: parameters and their errors if contacts make the motion rough.
     """
 
     chunks: Sequence[Chunk]
@@ -204,6 +204,7 @@ class ShootingProblem:
       noise: standard deviation of each signal, `(signals,)`.
       loss: loss function of scipy's `least_squares`.
       fixed: whether the coordinates are fixed.
+      held: whether the states are fixed at their guesses.
 
     Attributes:
       parts, noise, loss: the arguments.
@@ -224,13 +225,14 @@ class ShootingProblem:
         noise: Floats,
         loss: str,
         fixed: bool,
+        held: bool = False,
     ) -> None:
         self._predictor, self._parameters, self._states, self.parts = predictor, parameters, states, parts
         self._guesses, self.noise, self.loss = guesses, noise, loss
         self._is_nominal = coordinates is None
-        self.free, self.size = 0 if fixed or self._is_nominal else len(parameters), states.size
+        self.free, self.size = 0 if fixed or self._is_nominal else len(parameters), 0 if held else states.size
         first = np.array([p.first_coordinate for p in parameters]) if coordinates is None else coordinates
-        self.start = Unknowns(first, np.zeros((len(parts), states.size)))
+        self.start = Unknowns(first, np.zeros((len(parts), self.size)))
         self.known = [np.isfinite(part.values) for part in parts]
 
     def states(self, point: Unknowns) -> Floats:
@@ -274,11 +276,12 @@ class ShootingProblem:
                 deviation[j] += nudge
                 starts.append((i, x, deviation))
         if not starts:
-            return [np.zeros((*r.shape, 0)) for r in residuals], []
+            empty = [np.zeros((*r.shape, 0)) for r in residuals]
+            return empty, empty
         left = yield from self._left(starts)
         all_moves = np.concatenate([moves, np.full(size, nudge)])
         jacobians = [(np.stack(left[i::count], axis=-1) - residuals[i][..., None]) / all_moves for i in range(count)]
-        return [each[..., : self.free] for each in jacobians], [each[..., self.free :] for each in jacobians if size]
+        return [each[..., : self.free] for each in jacobians], [each[..., self.free :] for each in jacobians]
 
     def cost(self, point: Unknowns, residuals: Sequence[Floats]) -> float:
         """Returns half the sum of squares under the loss, including the priors of states and parameters."""

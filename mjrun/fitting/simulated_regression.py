@@ -207,6 +207,7 @@ class RegressionSearch:
         shift, products = np.zeros(len(slopes)), None
         for _ in range(APPROXIMATIONS):
             drawn = self._generator.choice(last.unknowns, CHANGED) + shift
+            drawn[:, : self._problem.free] = np.clip(drawn[:, : self._problem.free], 0, 1)
             moved, _ = yield from self._simulated(drawn, self._point(drawn[0]), (change,))
             if not len(moved.unknowns):
                 return 0.0, 0.0

@@ -13,9 +13,11 @@ from mjrun.model.names import BALL, FREE
 from mjrun.probe.fields import field_probe
 
 JOINTPOS, JOINTVEL = int(mujoco.mjtSensor.mjSENS_JOINTPOS), int(mujoco.mjtSensor.mjSENS_JOINTVEL)
+RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 QUATERNION_PLACES = {FREE: 3, BALL: 0}  # of quaternions and angular velocities within the numbers of a joint
 WINDOW = 9  # rows to which a parabola is fitted
 WINDOWS = (72, 36, 18, WINDOW)  # numbers of rows that are preferred if a parabola fits them
+SAME_STEP = 1e-6  # distance of a row from a timestep at which it shows the state of this step [timesteps]
 FITTING = 1.35  # largest residuals of such a parabola, in standard deviations of the noise
 
 
@@ -53,6 +55,32 @@ class StateGuesses:
         state.restore(self._model, data, self.start if start is None else start)
         self.place(data, chunk, timestep)
         return state.save(self._model, data)
+
+    def sampled(self, chunk: Chunk, timestep: float) -> np.ndarray | None:
+        """Returns the integration state `(nstate,)` that the first row of `chunk` shows, if it is at its first step.
+
+        All positions must be measured. Velocities that are not follow from the row before, if this is one step before:
+        all integrators but Runge-Kutta move the positions of a step by the velocities after it.
+        """
+        model, segment, row = self._model, chunk.segment, chunk.rows.start
+        is_measured = len(self._qvel) == model.nv
+        if len(self._qpos) < model.nq or model.na or abs(chunk.positions[0]) > SAME_STEP:
+            return None
+        data = mujoco.MjData(model)
+        state.restore(model, data, self.start)
+        data.qpos[:] = qpos = segment.values[row, [self._qpos[i] for i in range(model.nq)]]
+        if is_measured:
+            data.qvel[:] = segment.values[row, [self._qvel[i] for i in range(model.nv)]]
+        elif row and model.opt.integrator != RK4:
+            before = segment.values[row - 1, [self._qpos[i] for i in range(model.nq)]]
+            steps = float(segment.times[row] - segment.times[row - 1]) / timestep
+            if abs(steps - 1) > SAME_STEP:
+                return None
+            mujoco.mj_differentiatePos(model, data.qvel, timestep, before, qpos)
+        else:
+            return None
+        is_known = bool(np.isfinite(data.qpos).all() and np.isfinite(data.qvel).all())
+        return state.save(model, data) if is_known else None
 
     def place(self, data: mujoco.MjData, chunk: Chunk, timestep: float) -> None:
         """Sets the measured positions and velocities of `data` to those at the beginning of `chunk`."""

@@ -13,6 +13,7 @@ from tests.fitting.problems import shooting_of
 
 FRICTION, NOISE = 0.33, 1e-3  # [m, rad]
 SIGNALS = [f"qpos/box/{part}" for part in ("x", "y", "z", "qw", "qx", "qy", "qz")]
+RATES = [f"qvel/box/{part}" for part in ("vx", "vy", "vz", "wx", "wy", "wz")]
 BOX = """<mujoco>
   <option timestep="0.002"/>
   <worldbody>
@@ -37,6 +38,19 @@ def box_log(seconds: float = 0.2, speed: float = 2.2, seed: int = 0) -> tuple[np
             mujoco.mj_integratePos(model, measured, generator.normal(0, NOISE, 6), 1.0)
             times.append(data.time)
             rows.append(measured)
+        mujoco.mj_step(model, data)
+    return np.array(times), np.array(rows)
+
+
+def exact_box_log() -> tuple[np.ndarray, np.ndarray]:
+    """Times and states at every step, `(n, nq + nv)`, of a box that is thrown, bounces on its edges and slides."""
+    model = mujoco.MjModel.from_xml_string(BOX.format(FRICTION))
+    data = mujoco.MjData(model)
+    data.qpos[2], data.qvel[:] = 0.12, (2.2, 0.3, 0, 3, 1, 0)
+    times, rows = [], []
+    for _ in range(400):
+        times.append(data.time)
+        rows.append(np.concatenate([data.qpos, data.qvel]))
         mujoco.mj_step(model, data)
     return np.array(times), np.array(rows)
 

@@ -1,5 +1,6 @@
 """Shooting finds what a bare loop was simulated with."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import mujoco
@@ -10,11 +11,14 @@ from mjrun.fitting.gauss_newton import EXPLAINED, GaussNewton
 from mjrun.fitting.information import intervals
 from mjrun.fitting.measurements import LogSegment, first_noise
 from mjrun.fitting.shooting_problem import together, with_noise
-from tests.fitting.box import FRICTION, box_shooting
+from mjrun.probe.fields import field_probe
+from tests.fitting.box import FRICTION, RATES, SIGNALS, box_shooting, exact_box_log, write_box
 from tests.fitting.cart import TRUTH as CART_TRUTH
 from tests.fitting.cart import cart_log, cart_shooting
 from tests.fitting.logs import NOISE, TRUTH
 from tests.fitting.problems import THREE, predictor_of, segments, shooting, shooting_of, solved
+
+SCENES = Path(__file__).resolve().parents[2] / "scenes"
 
 
 def test_without_noise_it_finds_the_truth() -> None:
@@ -43,6 +47,44 @@ def test_short_stretches_lead_where_whole_segments_do_not() -> None:
     values = [each.value(c) for each, c in zip(parameters, search.best.coordinates, strict=True)]
     assert values == pytest.approx(CART_TRUTH, rel=0.01)
     assert search.ways[0] == "whole segments"
+
+
+def fitted(
+    path: Path, free: tuple[str, str], signals: list[str], log: LogSegment, controls: Sequence[str] = ()
+) -> float:
+    """Returns the value that a search from that of the model finds."""
+    shoot, predictor, _, parameters = shooting_of(path, [free], signals, controls, log)
+    noise = first_noise([log.values], predictor.rotations)
+    best = shoot.search([log], [np.array([parameters[0].first_coordinate])], noise).best
+    return parameters[0].value(best.coordinates[0])
+
+
+@pytest.mark.parametrize(("signals", "every"), [(SIGNALS + RATES, 1), (SIGNALS + RATES, 3), (SIGNALS, 1)])
+def test_logs_without_noise_give_exact_parameters_despite_impacts(
+    tmp_path: Path, signals: list[str], every: int
+) -> None:
+    """Whole segments jump with every change of the friction, but each state follows exactly from the one before."""
+    times, rows = exact_box_log()
+    log = LogSegment("log", times[::every], rows[::every, : len(signals)], np.zeros((len(times[::every]), 0)))
+    path, free = write_box(tmp_path, 0.9), ("geom/box.friction[0]", "0.1..1")
+    assert fitted(path, free, signals, log) == pytest.approx(FRICTION, rel=1e-8)
+
+
+def test_an_exact_log_gives_exact_parameters_although_rounding_makes_the_motion_jump(tmp_path: Path) -> None:
+    """A bat at a pole, by a bare loop: the last digits of its damping decide how it touches the pole."""
+    text, path = (SCENES / "pinata.xml").read_text(), tmp_path / "other.xml"
+    path.write_text(text.replace('damping="1"', 'damping="3"'))
+    model, times, rows = mujoco.MjModel.from_xml_string(text), list[float](), list[np.ndarray]()
+    data, controls = mujoco.MjData(model), np.random.default_rng(0).normal(0, 0.1, (500, 1))
+    for control in controls:
+        times.append(data.time)
+        rows.append(np.concatenate([data.qpos, data.qvel]))
+        data.ctrl[:] = control
+        mujoco.mj_step(model, data)
+    signals = [probe.name for field in ("qpos", "qvel") for probe in field_probe(model, field).columns]
+    log = LogSegment("log", np.array(times), np.array(rows), controls)
+    free = ("joint/swing.damping", "log:0.05..20")
+    assert fitted(path, free, signals, log, ["ctrl/my_motor"]) == pytest.approx(1, rel=1e-8)
 
 
 @pytest.mark.slow

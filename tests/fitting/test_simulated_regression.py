@@ -15,7 +15,9 @@ from mjrun.fitting.shooting_fit import ShootingFit
 from mjrun.fitting.shooting_problem import (
     UNLIKELY,
     Advanced,
+    Floats,
     RegressionEstimate,
+    Simulating,
     Solution,
     Unknowns,
     loss_weights,
@@ -23,6 +25,7 @@ from mjrun.fitting.shooting_problem import (
     with_noise,
 )
 from mjrun.fitting.simulated_regression import RegressionSearch, _away_from_neighbours, _Products, _Round
+from mjrun.model.override import Override
 from tests.fitting.logs import correlated
 from tests.fitting.problems import THREE, predictor_of, segments, shooting, shooting_of, solved
 
@@ -273,6 +276,27 @@ def test_damping_that_a_model_lacks_shows_although_little_remains(tmp_path: Path
         assert estimate.lack.value == pytest.approx(DAMPING, rel=0.5)
     else:
         assert estimate.lack is None
+
+
+def test_what_compensates_for_a_change_is_simulated_within_the_bounds(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Only negative friction would compensate for damping that stops the box."""
+    monkeypatch.setattr("mjrun.fitting.simulated_regression.MOST_ROUNDS", 2)
+    log = slide_log(0, 0.0)
+    shoot, _ = slide_shooting(tmp_path, log, FREE[1:], 0.0)
+    search = search_of(shoot, log, np.array([0.4]), NOISE)
+    regressed(shoot, search)
+    seen: list[float] = []
+    residuals = search._problem.residuals
+
+    def watched(points: Sequence[Unknowns], added: tuple[Override, ...] = ()) -> Simulating[list[list[Floats]]]:
+        seen.extend(float(each.coordinates[0]) for each in points)
+        return (yield from residuals(points, added))
+
+    monkeypatch.setattr(search._problem, "residuals", watched)
+    together(predictor_of(shoot), [search.lack([Override("add:joint/*.damping", "1000")])])
+    assert 0 <= min(seen) <= max(seen) <= 1
 
 
 def test_the_same_seed_gives_the_same_draws(monkeypatch: pytest.MonkeyPatch) -> None:
