@@ -2,6 +2,7 @@
 
 import base64
 import contextlib
+import ctypes
 import gc
 import re
 import subprocess
@@ -18,7 +19,7 @@ import pytest
 
 import mjrun
 from mjrun.document.study import read_folder
-from mjrun.errors import DrawError, FailedAssertionError, FileError, UnknownNameError
+from mjrun.errors import DrawError, FailedAssertionError, FileError, UnknownNameError, UsageError
 from mjrun.in_memory import frames
 from mjrun.python_help import OF_FILES
 from tests.processes import largest_file
@@ -42,6 +43,38 @@ def test_a_simulation_is_traced_as_its_model_is(swing: Path) -> None:
     simulation = mjrun.Simulation(swing, qvel={"hinge": 3}, duration=0.2)
     one, other = mjrun.trace(simulation, probe="qpos"), mjrun.trace(swing, **(OPTIONS | {"probe": "qpos"}))  # type: ignore[arg-type]
     assert all(np.array_equal(one[name], other[name]) for name in other)
+
+
+@pytest.mark.parametrize("form", ["path", "binary", "model"])
+@pytest.mark.parametrize("name", ["control", "passive", "sensor"])
+def test_callbacks_that_would_change_only_some_simulations_are_refused(
+    swing: Path, tmp_path: Path, form: str, name: str
+) -> None:
+    compiled = mujoco.MjModel.from_xml_path(str(swing))
+    mujoco.mj_saveModel(compiled, str(tmp_path / "swing.mjb"))
+    model = {"path": swing, "binary": tmp_path / "swing.mjb", "model": compiled}[form]
+    install = getattr(mujoco, f"set_mjcb_{name}")
+    expected = re.escape(f"mjcb_{name} is a Python function, which mjrun does not support\nuninstall it with mujoco.")
+    install(lambda *arguments: None)
+    try:
+        with pytest.raises(UsageError, match=expected):
+            mjrun.trace(model, duration=0.1, controller=lambda model, data: None)
+        with pytest.raises(UsageError, match=expected):
+            mjrun.sweep(model, duration=0.1, vary={"qvel/hinge": "1,2"}, metric={"last": "last(qpos/hinge)"})
+    finally:
+        install(None)
+    assert len(mjrun.trace(model, duration=0.1)["time"]) > 1
+
+
+def test_callbacks_in_c_take_part(swing: Path) -> None:
+    calls: list[int] = []
+    callback = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(lambda model, data: calls.append(1))
+    mujoco.set_mjcb_control(callback)
+    try:
+        table = mjrun.trace(swing, duration=0.1)
+    finally:
+        mujoco.set_mjcb_control(None)
+    assert len(calls) >= len(table["time"]) - 1
 
 
 def test_a_compiled_model_may_change_after_its_simulation_is_made(swing: Path) -> None:

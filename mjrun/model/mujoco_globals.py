@@ -12,9 +12,12 @@ from pathlib import Path
 
 import mujoco
 
-from mjrun.errors import MjrunWarning, clean
+from mjrun.errors import MjrunWarning, UsageError, clean, option
 from mjrun.file_version import is_settled, version_of
 from mjrun.reporter import Reporter
+
+CALLBACKS = "act_bias", "act_dyn", "act_gain", "contactfilter", "control", "passive", "sensor"  # of the physics
+_C_FUNCTION = type(ctypes.pythonapi.Py_IsInitialized).__base__ or object  # of all function types of ctypes
 
 _lock = threading.RLock()  # of everything below that belongs to the process
 _log_blocks, _timer_blocks = 0, 0  # open at present, in all threads; the last one that ends restores
@@ -116,6 +119,23 @@ def drop_outdated_assets(files: Mapping[str, os.stat_result]) -> None:
         _compiled_files[path] = version if is_settled(version, now) else None
     if is_outdated:
         mujoco.mj_clearCache(mujoco.mj_getCache())
+
+
+def refuse_python_callbacks() -> None:
+    """Requires that no Python function is installed as a callback of the physics, as by `mujoco.set_mjcb_control`.
+
+    It would change some simulations of this process, and none in other processes.
+
+    Raises:
+      UsageError: one is installed.
+    """
+    for name in CALLBACKS:
+        function = getattr(mujoco, f"get_mjcb_{name}")()
+        if function is not None and not isinstance(function, _C_FUNCTION):
+            advice = f"uninstall it with mujoco.set_mjcb_{name}(None)"
+            if name == "control":
+                advice += f"; {option('controller')} accepts functions"
+            raise UsageError(f"mjcb_{name} is a Python function, which mjrun does not support\n{advice}")
 
 
 @contextmanager

@@ -34,7 +34,7 @@ from mjrun.errors import (
     option,
     quoted,
 )
-from mjrun.model.mujoco_globals import without_log
+from mjrun.model.mujoco_globals import refuse_python_callbacks, without_log
 from mjrun.model.names import KIND_OF_COUNT, KINDS
 from mjrun.model.override import Override, apply, elements_at
 from mjrun.shared_status import doing
@@ -316,8 +316,9 @@ def compile_spec(
 
     Raises:
       BrokenModelError: MuJoCo refuses the model.
-      UsageError: an override refers to nothing, or its value does not fit.
+      UsageError: an override refers to nothing, its value does not fit, or a callback is a Python function.
     """
+    refuse_python_callbacks()
     refuse_plugins(spec, path)
     with without_log():
         try:

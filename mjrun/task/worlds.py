@@ -7,6 +7,7 @@ terminations are computed at instant k+1, with the action and the commands of th
 
 import copy
 import math
+import os
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -117,7 +118,7 @@ class TaskWorlds:
         with task.located():
             self._prepare(threads)
         self._periods = task.periods
-        self._threads = threads
+        self._threads, self._process = threads, os.getpid()
         self._seeds = np.zeros(count, np.int64)
         self._begun = np.zeros(count, bool)
         self._instants = np.zeros(count, int)  # control instants since the reset
@@ -219,6 +220,7 @@ class TaskWorlds:
         Returns:
           The first observations `(k, nobs)`.
         """
+        self._require_threads()
         worlds = self._all if ids is None else np.asarray(ids, int)
         if len(seeds) != len(worlds):
             raise ValueError(f"{len(seeds)} seeds for {len(worlds)} worlds")
@@ -248,9 +250,18 @@ class TaskWorlds:
         Raises:
           ValueError: an action is not finite or has the wrong shape, or an episode is over or has not begun.
         """
+        self._require_threads()
         self._begin(actions, ids)
         self._advance(self.control_steps, ids, self._stage)
         return self._finish(ids)
+
+    def _require_threads(self) -> None:
+        """Raises UsageError in a fork of the process that created several worlds: it would wait for missing threads."""
+        if self.count > 1 and self._process != os.getpid():
+            raise UsageError(
+                "this process is a fork of the one that created these worlds, and lacks their threads\n"
+                "create them here, or continue a copy: copy.deepcopy(env)"
+            )
 
     def _begin(self, actions: np.ndarray, ids: Ids | None) -> None:
         """Applies actions `(k, nact)`; raises the errors of `step`."""

@@ -1,7 +1,9 @@
 """A task is an environment that Gymnasium's checker accepts, with the numbers and limits of its worlds."""
 
 import copy
+import os
 import pickle
+import signal
 import subprocess
 import sys
 import warnings
@@ -22,7 +24,7 @@ from hypothesis import strategies as st
 
 import mjrun
 import mjrun.gym
-from mjrun.errors import ModelError
+from mjrun.errors import ModelError, UsageError
 from mjrun.gym.environments import SQUASHED, action_space, observation_space, task_of
 from mjrun.task.task import Action, Observation, Task
 from mjrun.task.worlds import TaskWorlds
@@ -76,6 +78,27 @@ def test_its_spec_is_json_and_makes_it_again(tmp_path: Path) -> None:
     assert env.spec
     assert env.spec.kwargs == {"task": changed}  # which is not in the document
     assert gymnasium.make(env.spec).unwrapped.task == changed  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("call", ["step", "reset"])
+def test_worlds_refuse_a_fork_instead_of_hanging_and_their_copies_continue(tmp_path: Path, call: str) -> None:
+    env, action = mjrun.gym.make_vec(write_cart(tmp_path), 3), np.zeros((3, 2))
+    env.reset(seed=0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of forks of processes with threads
+        child = os.fork()
+    if child == 0:
+        signal.alarm(20)  # which ends a process that hangs
+        try:
+            _ = env.step(action) if call == "step" else env.reset(seed=0)
+        except UsageError as error:
+            (tmp_path / "error").write_text(str(error))
+            np.save(tmp_path / "continued.npy", copy.deepcopy(env).step(action)[0])
+        finally:
+            os._exit(0)
+    os.waitpid(child, 0)
+    assert "fork of the one that created these worlds" in (tmp_path / "error").read_text()
+    np.testing.assert_array_equal(np.load(tmp_path / "continued.npy"), env.step(action)[0])
 
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])

@@ -12,6 +12,7 @@ import mujoco
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, CompiledOverrideError
+from mjrun.model.mujoco_globals import refuse_python_callbacks
 from mjrun.model.override import Override
 from mjrun.model.source import CollectionModelSource, ModelSource
 from mjrun.model.sources.bundled_scene import bundled_task
@@ -38,6 +39,7 @@ class CompiledSource(ModelSource):
         return "model"
 
     def compile(self) -> tuple[None, mujoco.MjModel]:
+        refuse_python_callbacks()
         if self.overrides:
             raise CompiledOverrideError("the model", [(s.option, s.option_value) for s in self.overrides])
         return None, self.model

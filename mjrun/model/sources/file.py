@@ -32,7 +32,7 @@ from mjrun.model.model_files import (
     main_mjcf,
     require_regular_files,
 )
-from mjrun.model.mujoco_globals import drop_outdated_assets, without_log
+from mjrun.model.mujoco_globals import drop_outdated_assets, refuse_python_callbacks, without_log
 from mjrun.model.override import Override
 from mjrun.model.source import (
     FAULTS,
@@ -160,6 +160,7 @@ class FileSource(ModelSource):
             raise BrokenModelError(path, fault, hint=HINT)
 
     def _load_compiled(self) -> mujoco.MjModel:
+        refuse_python_callbacks()
         if confinement():
             reason = f"is a compiled model, whose content MuJoCo does not check; {option('untrusted')} loads only XML"
             raise ModelNotFoundError(self.path, reason)
