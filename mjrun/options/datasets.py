@@ -50,12 +50,10 @@ class NamedSharesKind(Kind["str | tuple[tuple[str, Fraction], ...]", tuple[tuple
     expected = "a list of names with shares that sum to 1, as in train=0.8,val=0.2"
 
     def __call__(self, value: "str | tuple[tuple[str, Fraction], ...]") -> tuple[tuple[str, Fraction], ...]:
-        if not isinstance(value, str):
-            return value
-        pairs = [part.partition("=") for part in value.split(",")]
+        pairs = [part.partition("=")[::2] for part in value.split(",")] if isinstance(value, str) else value
         try:
-            shares = tuple((name.strip(), rational(share)) for name, _, share in pairs)
-        except ValueError:
+            shares = tuple((name.strip(), rational(share)) for name, share in pairs)
+        except (AttributeError, TypeError, ValueError):
             raise InvalidValueError(self.expected) from None
         names = [name for name, _ in shares]
         numbers = [share for _, share in shares]

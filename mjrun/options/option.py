@@ -202,7 +202,7 @@ class Options:
     def __post_init__(self) -> None:
         for each in options_of(type(self)):
             value = _without_numpy(getattr(self, each.attribute))
-            if value is each.default or value == {} == each.default:  # which was converted when it was declared
+            if value is each.default or (_is_empty(value) and each.default == {}):  # converted when it was declared
                 continue
             try:
                 made = each.kind(value)
@@ -251,6 +251,11 @@ def _without_numpy(value: object) -> object:
         elements = map(_without_numpy, cast("Sequence[object]", value))
         return [*elements] if type(value) is list else (*elements,)
     return value
+
+
+def _is_empty(value: object) -> bool:
+    """Returns whether a value is an empty dictionary; comparisons of tables and arrays are not true or false."""
+    return isinstance(value, dict) and value == {}
 
 
 def _is_set(value: object) -> bool:

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 import mjrun
-from mjrun.errors import DrawError, FailedPointsError, FileError, UsageError
+from mjrun.errors import BadValueError, DrawError, FailedPointsError, FileError, UsageError
 from mjrun.reporter import PythonApiReporter, Reporter
 from mjrun.study.dataset_specs import camera_argument, part_of
 from mjrun.study.image_dataset import Dataset, DatasetResult
@@ -267,6 +267,12 @@ def test_times_after_the_end_are_refused(model: Path, tmp_path: Path) -> None:
     simulation = mjrun.Simulation(model, duration=1)
     with pytest.raises(UsageError, match="2 s is after the end of the simulation at 1 s"):
         Dataset(simulation, str(tmp_path / "set"), times="0,2").run()
+
+
+@pytest.mark.parametrize("split", [3, None, {"train": 0.8}, (("train", 0.5),), [("a", "x")], ["a=0.5", "b=0.5"]])
+def test_parts_without_shares_are_refused_in_python(split: Any) -> None:
+    with pytest.raises(BadValueError, match=r"split: .* is not a list of names with shares that sum to 1"):
+        mjrun.Dataset(mjrun.Simulation("m.xml"), "set", split=split)
 
 
 def test_parts_have_their_shares_at_any_size() -> None:
