@@ -110,6 +110,11 @@ class StudyResults:
         traces = {point: folder / TRACE for point, folder in point_folders(self.folder).items()}
         return {point: path for point, path in traces.items() if point in self.with_files and path.is_file()}
 
+    @property
+    def is_of_evaluation(self) -> bool:
+        """True if the points are those of an evaluation, which keeps no traces."""
+        return folder_at(self.folder).has(EPISODES)
+
     def __len__(self) -> int:
         return len(self.texts[STATUS])
 

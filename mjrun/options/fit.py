@@ -4,7 +4,7 @@ from typing import ClassVar
 
 from mjrun.options.kinds import CameraKind, ChoiceKind, FlagKind, OneOrMoreKind, PathKind, optional
 from mjrun.options.number_kinds import IntegerKind, RealKind, SizeKind
-from mjrun.options.option import FrontEnd, OptionRequirement, Options, option, options
+from mjrun.options.option import FrontEnd, OptionExclusion, OptionRequirement, Options, option, options
 from mjrun.options.output import VIDEOS
 from mjrun.options.setting_kinds import SettingsKind
 
@@ -17,6 +17,9 @@ class FitOptions(Options):
     """A fit."""
 
     section: ClassVar[str] = "Fit"
+    exclusions: ClassVar[tuple[OptionExclusion, ...]] = (
+        OptionExclusion(("holdout", "holdout_data"), "both say what is held out"),
+    )
     requirements: ClassVar[tuple[OptionRequirement, ...]] = (
         OptionRequirement("camera", "video", "which it records"),
         OptionRequirement("size", "video", "whose size it sets"),

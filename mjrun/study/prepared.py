@@ -15,7 +15,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from mjrun.errors import MjrunError, UsageError, clean, option
+from mjrun.errors import MjrunError, UsageError, clean, listing, option
 from mjrun.experiment.design import SHORT_PATHS, Design, design, numbers, texts_at
 from mjrun.experiment.results_table import (
     Requirements,
@@ -29,6 +29,7 @@ from mjrun.model import state
 from mjrun.model.override import Override, changes_nothing, source_values
 from mjrun.model.units import setting_unit
 from mjrun.model.variants import VariantLoader, model_bytes
+from mjrun.options.simulation import CONTROLS
 from mjrun.options.sweep import ExecutionOptions, StudyOptions, VariationOptions
 from mjrun.outputs.event_detection import EndCondition
 from mjrun.probe.metric import Metric
@@ -143,9 +144,20 @@ class PreparedStudy(PreparedPoints):
         super().warn(reporter)
         for text in edit_remarks(self.shipped.spec.modules):
             reporter.warn(text)
+        self._warn_of_replayed_states(reporter)
         if self.first.code and not self._acts_again_alike():
             code = option("policy" if self.first.controller is None else "controller")
             reporter.warn(memory_warning(code, f"{self.noun}s"))
+
+    def _warn_of_replayed_states(self, reporter: Reporter) -> None:
+        """Warns if parameters of the model vary under a replay, whose states they do not change."""
+        base, names = self.spec.base, self.points.names
+        varied = [name for name in names if is_path(SHORT_PATHS.get(name, name))]
+        if base.replay is not None and base.replay_mode != CONTROLS and "replay_mode" not in names and varied:
+            reporter.warn(
+                f"all points replay the recorded states: {listing(varied)} only changes what is computed from them, "
+                f"such as forces; {option('replay_mode')} controls simulates again"
+            )
 
     def _acts_again_alike(self) -> bool:
         """Returns whether the user's code acts in the same way at the same start again, unless it fails there."""

@@ -39,7 +39,7 @@ from mjrun.formats.study_reader import read_study, study_manifest
 from mjrun.formats.table_writer import TableWriter
 from mjrun.model.mujoco_globals import reported_warnings
 from mjrun.options.evaluation import MANIFEST as EVALUATION
-from mjrun.options.option import options
+from mjrun.options.option import is_given, options
 from mjrun.options.sweep import MANIFEST, MOST_IN_CSV, ExecutionOptions, StudyOptions
 from mjrun.physics.warp_device import COMPILES
 from mjrun.platform.cores import available_cores
@@ -55,6 +55,7 @@ from mjrun.study.prepared import PreparedStudy
 from mjrun.study.range_folders import RangeFolders
 from mjrun.study.results import (
     REPEAT_FILES,
+    SEED,
     STATUSES,
     PointFailureGroup,
     RepeatMeans,
@@ -78,6 +79,10 @@ QUANTILES = (0, 0.05, 0.25, 0.5, 0.75, 0.95, 1)
 SHOWN = 3  # points at each end of the study
 OTHER_RUN = (
     "another run uses this folder for a different version of the study: the tables are those of the run that ends last"
+)
+NO_INTERVALS = (
+    f"{option('confidence')} has no effect: without {option('repeats')}, or a {option('sampler')} of sensitivities, "
+    "there are no intervals"
 )
 PATIENCE = 60.0  # [s] for the point that is measured
 START = 1.0  # [s] before processes simulate
@@ -135,6 +140,9 @@ class Study(StudyOptions, ExecutionOptions):
             prepared.files.create()
             keeper.remove_left_behind()
             prepared.warn(reporter)
+            has_intervals = SEED in prepared.points.names or self.sampler in SAMPLES
+            if is_given(self, "confidence") and not has_intervals:
+                reporter.warn(NO_INTERVALS)
             count = len(prepared.points.points)
             facts = {"points": count, "schema": SCHEMA, "metrics": dict(prepared.spec.metrics)}
             # Lets an interrupted study continue, and others see its progress.

@@ -107,7 +107,7 @@ def test_a_signal_that_rests_or_is_missing_in_a_part_causes_no_warning(tmp_path:
     ]
     other = [str(write_log(tmp_path / "other.csv", {"time": times, "qvel/hinge": times}))]
     with pytest.raises(UsageError, match="holdout_data measures nothing that is fitted: qpos/hinge"):
-        replace(fit, holdout_data=other).run()
+        replace(fit, holdout=0.2, holdout_data=other).run()
 
 
 @pytest.mark.slow
@@ -138,6 +138,8 @@ def test_a_whole_log_is_held_out_where_asked(tmp_path: Path, near: Simulation) -
     assert result.signals[0].holdout_fitted < 0.02
     with pytest.raises(UsageError, match="is both fitted and held out"):
         Fit(near, data=data, holdout_data=data, free=THREE).run()
+    with pytest.raises(UsageError, match="holdout and holdout_data exclude each other: both say what is held out"):
+        Fit(near, data=data, holdout_data=held, holdout=0.1, free=THREE)
 
 
 def test_what_the_log_does_not_tell_is_refused_and_nothing_is_written(tmp_path: Path, pendulum: Simulation) -> None:

@@ -132,7 +132,7 @@ def test_what_ended_processes_have_left_beside_files_of_points_is_removed(
 def test_traces_of_an_older_simulation_are_not_those_of_the_study(study: dict[str, object], tmp_path: Path) -> None:
     Study(**study, keep=("trace",), keep_lowest=("3:low",)).run()  # type: ignore[arg-type]
     assert [*read_study(tmp_path / "study").traces] == [0, 1, 2]
-    Study(**study, confidence=0.9).run()  # type: ignore[arg-type]
+    Study(**study, time_limit=60).run()  # type: ignore[arg-type]
     assert [*read_study(tmp_path / "study").traces] == [0, 1, 2]
     other = {**study, "vary": {"qpos/ball/z": "0.2,0.25,0.4,0.5"}}
     Study(**other, keep=("trace",), keep_where=("z > 0.45",)).run()  # type: ignore[arg-type]

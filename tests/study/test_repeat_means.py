@@ -54,7 +54,7 @@ def test_each_row_has_mean_and_students_interval_of_points_that_differ_in_their_
     assert {"low [mm]", "90 %", first} <= {*cells}
     assert {"low [mm]", "90 % interval", first} <= {*PageCells(page.read_text("utf-8")).texts}
 
-    replace(study, repeats=1, html=None).run()
+    replace(study, repeats=1, html=None, confidence=0.95).run()
     assert not any((folder / name).exists() for name in REPEAT_FILES)
 
 

@@ -22,6 +22,7 @@ from mjrun.cli.simulation_command import load_controller
 from mjrun.errors import FailedAssertionError, FailedPointsError, FileError, UnknownNameError, UsageError, spelled
 from mjrun.model.sources.file import FileSource
 from mjrun.options.sweep import EXTRAS
+from mjrun.outputs.recording import Recording
 from mjrun.outputs.trace import Trace
 from mjrun.reporter import PythonApiReporter
 from mjrun.simulation.simulation import Simulation
@@ -378,6 +379,31 @@ def test_what_is_wrong_with_all_points_is_told_before_the_first(
     with pytest.raises(kind, match=expected):
         study(simulation, tmp_path / "study", **options).run()
     assert not (tmp_path / "study" / "results.csv").exists()
+
+
+def test_a_confidence_without_intervals_is_warned_of(simulation: Simulation, tmp_path: Path) -> None:
+    for number, (options, is_warned) in enumerate(
+        (
+            ({"vary": {"qpos/ball/z": "0.2,0.3"}}, True),
+            ({"vary": {"qpos/ball/z": "0.2,0.3"}, "repeats": 2}, False),
+            ({"vary": {"qpos/ball/z": "uniform(0.2,0.3)"}, "sampler": "morris", "samples": 2}, False),
+        )
+    ):
+        reporter = RecordingReporter()
+        study(simulation, tmp_path / str(number), confidence=0.9, **options).run(reporter)
+        assert any(text.startswith("confidence has no effect") for text in map(spelled, reporter.warnings)) == is_warned
+
+
+def test_a_parameter_that_does_not_change_replayed_states_is_warned_of(simulation: Simulation, tmp_path: Path) -> None:
+    recording = str(tmp_path / "recording.npz")
+    Recording(simulation, recording).run()
+    replay = replace(simulation, replay=recording)
+    vary = {"geom/ball.friction[0]": "0.1,2"}
+    for mode, warned in (("states", True), ("controls", False)):
+        reporter = RecordingReporter()
+        study(replace(replay, replay_mode=mode), tmp_path / mode, vary=vary).run(reporter)
+        expected = "all points replay the recorded states: geom/ball.friction[0] only changes"
+        assert any(text.startswith(expected) for text in reporter.warnings) == warned
 
 
 @pytest.mark.parametrize("engine", ["dask", "ray", "slurm", "rya"])

@@ -187,10 +187,16 @@ class StudyFigurePlan:
             try:
                 parse_panel(text, all_columns)
             except UnknownNameError as error:
-                folder = clean(shlex.quote(str(self._results.folder)))
-                error.add_note(f"mjrun sweep {folder} --keep trace --probe NAME stores more columns over time")
+                error.add_note(self._hint())
                 raise
             raise UsageError(f"{option('y')}: {quoted(text)} reads both metrics and columns over time") from None
+
+    def _hint(self) -> str:
+        """Returns how to get more columns over time."""
+        if self._results.is_of_evaluation:
+            return "an evaluation keeps none over time; `mjrun trace TASK --policy POLICY` has those of an episode"
+        folder = clean(shlex.quote(str(self._results.folder)))
+        return f"mjrun sweep {folder} --keep trace --probe NAME stores more columns over time"
 
     def _x(self) -> Parameter | None:
         """Returns the chosen x: a parameter, or an expression over the metrics."""

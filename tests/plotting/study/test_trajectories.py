@@ -64,6 +64,10 @@ def test_columns_and_metrics_are_chosen_alike(tmp_path: Path) -> None:
     with pytest.raises(UnknownNameError, match=r"no column 'qpos/hop'[\s\S]*columns: seed, far, qpos/hip") as caught:
         drawing(study, y="qpos/hop")
     assert caught.value.__notes__ == [f"mjrun sweep {tmp_path} --keep trace --probe NAME stores more columns over time"]
+    (tmp_path / "episodes.csv").write_text("seed\n")  # as in the folder of an evaluation
+    with pytest.raises(UnknownNameError) as caught:
+        drawing(study, y="qpos/hop")
+    assert [note.partition(";")[0] for note in caught.value.__notes__] == ["an evaluation keeps none over time"]
 
 
 def test_expressions_over_time_are_drawn(tmp_path: Path) -> None:
