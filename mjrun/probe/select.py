@@ -76,7 +76,7 @@ def select(
       UnknownNameError: a name, object or column is unknown; the message lists near and valid names.
       UsageError: two names give the same column, a field cannot be measured at an instant, or no policy acts.
     """
-    texts = [text.strip() for text in probe_names if text.strip() != TIME]
+    texts = [text for text in probe_names if text.strip() != TIME]  # spaces at the end may belong to a name
     probes = [_select_one(model, episode, text) for text in texts]
     seen: dict[str, str] = {}
     for probe, text in zip(probes, texts, strict=True):
@@ -144,13 +144,13 @@ def object_of(name: str) -> str:
 
 
 def _select_one(model: mujoco.MjModel, episode: EpisodeColumns | None, text: str) -> Probe:
-    bracketed = re.fullmatch(r"([^\[\]/]+)\[([^\[\]]*)\]", text)
+    bracketed = re.fullmatch(r"([^\[\]/]+)\[([^\[\]]*)\]", text.strip())
     if bracketed:
-        return _objects(model, episode, bracketed[1].strip(), [part.strip() for part in bracketed[2].split(",")])
-    group, slash, _ = text.partition("/")
+        return _objects(model, episode, bracketed[1].strip(), bracketed[2].split(","))
+    group, slash, rest = text.partition("/")
     if not slash:
-        return _whole(model, episode, text)
-    return _named(model, episode, group, text.removeprefix(f"{group}/"))
+        return _whole(model, episode, text.strip())
+    return _named(model, episode, group.strip(), rest)
 
 
 def _whole(model: mujoco.MjModel, episode: EpisodeColumns | None, name: str) -> Probe:
@@ -170,9 +170,10 @@ def _whole(model: mujoco.MjModel, episode: EpisodeColumns | None, name: str) -> 
 
 
 def _objects(model: mujoco.MjModel, episode: EpisodeColumns | None, name: str, patterns: Sequence[str]) -> Probe:
-    """Selects the columns of the objects that match any of `patterns`."""
+    """Selects the columns of the objects that match any of `patterns`, with the spaces around them or without."""
     for candidate in (name, *FALLBACKS.get(name, ())):
         probe = _whole(model, episode, candidate)
+        patterns = [p if any(_matches(column, p) for column in probe.columns) else p.strip() for p in patterns]
         indices = [i for i, column in enumerate(probe.columns) if any(_matches(column, p) for p in patterns)]
         if indices:
             missing = [p for p in patterns if not any(_matches(probe.columns[i], p) for i in indices)]
@@ -187,12 +188,19 @@ def _objects(model: mujoco.MjModel, episode: EpisodeColumns | None, name: str, p
 
 def _named(model: mujoco.MjModel, episode: EpisodeColumns | None, group: str, rest: str) -> Probe:
     """Selects the column `group/rest`, or all that begin with it; of a geom or site if no body has this name."""
-    for candidate in (group, *FALLBACKS.get(group, ())):
-        probe, text = _whole(model, episode, candidate), f"{candidate}/{rest}"
-        names = [column.name for column in probe.columns]
-        indices = [names.index(text)] if text in names else [i for i, n in enumerate(names) if n.startswith(f"{text}/")]
-        if indices:
-            return probe.only(indices)
+    candidates = {candidate: _whole(model, episode, candidate) for candidate in (group, *FALLBACKS.get(group, ()))}
+    for name in dict.fromkeys((rest, rest.strip())):
+        for candidate, probe in candidates.items():
+            text, names = f"{candidate}/{name}", [column.name for column in probe.columns]
+            inner = [i for i, column in enumerate(names) if column.startswith(f"{text}/")]
+            if indices := [names.index(text)] if text in names else inner:
+                return probe.only(indices)
+
+    rest = rest.strip()
+    for probe in candidates.values():  # lists of probes lose the spaces at the end of a name
+        objects = [object_of(column.name) for column in probe.columns]
+        if len({name for name in objects if name.strip() == rest}) == 1:
+            return probe.only([i for i, name in enumerate(objects) if name.strip() == rest])
     if group == PAIRS:
         return pair(rest, model)
     columns = [column.name for column in _whole(model, episode, group).columns]

@@ -129,3 +129,28 @@ def test_a_comma_in_a_name_is_written_as_a_wildcard(text: str) -> None:
         select(model, [text])
     assert caught.value.__notes__ == ["commas separate probes: write qpos[left?hip]"]
     assert [column.name for column in selected_columns(model, ["qpos[left?hip]"])] == ["qpos/left,hip"]
+
+
+def test_spaces_at_the_ends_of_a_name_belong_to_it_where_an_object_has_them() -> None:
+    model = mujoco.MjModel.from_xml_string(
+        """
+        <mujoco>
+          <worldbody><body name=" hand "><freejoint/><geom size=".1"/></body></worldbody>
+          <sensor>
+            <clock name="clock"/> <clock name=" clock "/> <clock name=" late "/>
+            <framepos name="  pad " objtype="xbody" objname=" hand "/>
+          </sensor>
+        </mujoco>
+        """
+    )
+    pad = [f"sensor/  pad /{axis}" for axis in "xyz"]
+    for text, names in {
+        "sensor/  pad ": pad,
+        "sensor/  pad": pad,
+        "sensor[  pad ,clock]": ["sensor/clock", *pad],
+        "sensor[ clock , clock]": ["sensor/clock", "sensor/ clock "],
+        "sensor/ clock ": ["sensor/ clock "],
+        "sensor/clock ": ["sensor/clock"],
+        "xpos[ hand ]": [f"xpos/ hand /{axis}" for axis in "xyz"],
+    }.items():
+        assert [column.name for column in selected_columns(model, [text])] == names, text
