@@ -105,7 +105,10 @@ class RecordedContacts:
 
     @cached_property
     def wrenches(self) -> np.ndarray:
-        """Forces and torques in the contact frames, `(m, 6)` [N, N·m]; zeros for a contact without a constraint."""
+        """Forces and torques in the contact frames, `(m, 6)` [N, N·m]; zeros for a contact without a constraint.
+
+        The normal force is what the solver found minus the pull of adhesive geoms.
+        """
         forces = np.frombuffer(b"".join(self._forces))
         ends = np.cumsum([*map(len, self._forces)]) // forces.itemsize
         starts = np.concatenate([[0], ends[:-1]])[self.instants]
@@ -123,6 +126,7 @@ class RecordedContacts:
                 normal += edge
             wrenches[chosen, 0] = normal
             wrenches[chosen, 1:dim] = (edges[:, ::2] - edges[:, 1::2]) * self.fields["friction"][chosen, : dim - 1]
+        wrenches[:, 0] -= np.where(address >= 0, self.fields["adhesion"], 0)
         return wrenches
 
 

@@ -135,6 +135,26 @@ def test_forces_are_those_of_mujoco_and_turn_into_the_world_by_the_contact_s_fra
     assert (np.abs(read["torque"][:, 1:]).max() > 1e-3) == (condim > 4)
 
 
+@pytest.mark.parametrize("cone", ["pyramidal", "elliptic"])
+def test_the_pull_of_adhesive_geoms_is_part_of_the_force(cone: str) -> None:
+    sticky = PILE.format(cone=cone, condim=3).replace("<geom ", '<geom adhesion="3" gap=".02" ', 1)
+    model, data = forwarded(sticky, 20)
+    assert min(contact.adhesion for contact in data.contact) > 0
+    read, wrench = Read(model, data), np.zeros(6)
+    for i, force in enumerate(read["force"]):
+        mujoco.mj_contactForce(model, data, i, wrench)
+        assert list(force) == list(wrench[:3])
+
+    for body in "abc":
+        force = sum(
+            (sign * read["world_force"][[text == body for text in read.texts(side)]].sum(axis=0))
+            for sign, side in ((-1, "body1"), (1, "body2"))
+        )
+        start = model.body(body).dofadr[0]
+        applied = (data.qfrc_constraint + data.qfrc_passive)[start : start + 3]  # MuJoCo's passive forces hold the pull
+        assert force == pytest.approx(applied, rel=1e-9, abs=1e-9)
+
+
 @pytest.mark.parametrize(("cone", "condim"), KINDS)
 def test_wrenches_mapped_by_hand_are_the_generalized_forces_of_every_body(cone: str, condim: int) -> None:
     model, data = pile(cone, condim)
