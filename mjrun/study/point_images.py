@@ -66,7 +66,7 @@ class PointImageMaker:
         document = {"point": index, "values": dict(values), "images": images}
         if variant:
             self._variants.reuse(variant)
-        return timeline.steps, (*files, (record_path(index), f"{json.dumps(document, allow_nan=False)}\n".encode()))
+        return steps[-1], (*files, (record_path(index), f"{json.dumps(document, allow_nan=False)}\n".encode()))
 
     def _images(
         self, model: mujoco.MjModel, cameras: Sequence[object], states: Sequence[np.ndarray], times: Sequence[float]

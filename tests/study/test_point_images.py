@@ -32,3 +32,13 @@ def test_files_of_bop_are_masks_of_each_object_and_the_record_comes_last(tmp_pat
     assert set(np.unique(mask)) == {0, 255}
     assert (mask > 0).sum() == record["images"][0]["objects"][0]["pixels"]
     assert record["values"] == {"seed": "1"}
+
+
+def test_the_steps_of_a_point_are_those_up_to_its_last_image(tmp_path: Path) -> None:
+    model = tmp_path / "m.xml"
+    model.write_text(MODEL)
+    split = mjrun.Dataset(mjrun.Simulation("m.xml"), "set").split
+    for times, simulated in (((0.0,), 0), ((0.0, 0.1, 0.02), 50)):  # of 2 ms
+        options = LabelledImageOptions(size=(32, 24), camera="free:distance=.5", times=times)
+        steps, _ = PointImageMaker(ImageSpec(options, split, ("ball",))).make(0, {}, mjrun.Simulation(model))
+        assert steps == simulated
