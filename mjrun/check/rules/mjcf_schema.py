@@ -105,7 +105,8 @@ TRUTH, AUTO, SWITCH = "true false", "true false auto", "enable disable"
 SHAPES = "plane hfield sphere capsule ellipsoid cylinder box mesh sdf"
 FOLLOWING = "fixed track trackcom targetbody targetbodycom"
 DYNAMICS = "none integrator filter filterexact pid dcmotor muscle user"
-INPUTS = "none pos vel expmap quat"
+INPUTS = "none pos vel expmap quat ff voltage pressure"
+PARAMETRIC_MESHES = "square hemisphere cone wedge plate supersphere supertorus"
 DOF = "full radial trilinear quadratic 2d"
 ANY = "*"
 # Elements, some of their attributes, and the keywords that these accept.
@@ -128,7 +129,7 @@ TABLE = (
     ("flag", "nativeccd override refsafe sensor sleep speculative spring warmstart", SWITCH),
     ("global", "bvactive ellipsoidinertia orthographic", TRUTH),
     ("mesh", "inertia", "convex exact legacy shell"),
-    ("mesh", "builtin", "none sphere ellipsoid cylinder box disc grid"),
+    ("mesh", "builtin", f"none sphere ellipsoid cylinder box disc grid {PARAMETRIC_MESHES}"),
     ("mesh", "smoothnormal", TRUTH),
     ("texture", "type", "2d cube skybox"),
     ("texture", "colorspace", "auto linear sRGB"),
@@ -151,7 +152,7 @@ TABLE = (
     ("camera", "projection", "perspective orthographic"),
     ("light", "type", "spot directional point image"),
     ("light", "directional", TRUTH),
-    ("flexcomp", "type", "grid box cylinder ellipsoid disc circle mesh gmsh direct"),
+    ("flexcomp", "type", "grid box cylinder ellipsoid square disc circle mesh gmsh direct"),
     ("flexcomp", "rigid", TRUTH),
     ("flex flexcomp", "dof", DOF),
     ("flex flexcomp", "flatskin", TRUTH),
