@@ -246,6 +246,8 @@ class _Part:
     def __init__(self, spec: mujoco.MjSpec, model: mujoco.MjModel, bodies: frozenset[int]) -> None:
         self._spec, kept = _reduced(spec, bodies)
         first = self._compiled([])
+        if first.nbody != len(kept):
+            raise ValueError("static bodies were fused, which other elements of the whole model refer to")
         self._rows = dict(_matched_rows(model, first, sorted(bodies), kept))
         self._names = tuple(name for name in _numbers() if len(self._rows[arrays()[name].rows][0]))
         self._values = attrgetter(*self._names)

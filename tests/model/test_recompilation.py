@@ -157,3 +157,25 @@ def test_copied_fields_keep_the_numbers_of_other_elements(tmp_path: Path) -> Non
     ((rows, values),) = changed.values()
     assert [mujoco.mj_id2name(compiled()[1], mujoco.mjtObj.mjOBJ_GEOM, row) for row in rows] == ["pad"]
     np.testing.assert_array_equal(values, compiled(override)[1].geom_friction[rows])
+
+
+def test_a_part_that_loses_static_bodies_is_compiled_whole() -> None:
+    spec = mujoco.MjSpec.from_string(
+        """
+        <mujoco>
+          <compiler fusestatic="true"/>
+          <worldbody>
+            <body name="base">
+              <geom size=".1"/>
+              <body name="arm"><joint/><geom size=".1"/><site name="tip"/></body>
+            </body>
+            <body><freejoint/><geom size=".1"/></body>
+            <body><freejoint/><geom size=".1"/></body>
+          </worldbody>
+          <sensor><framepos objtype="body" objname="base"/></sensor>
+        </mujoco>
+        """
+    )
+    model = spec.compile()
+    assert model.nbody == 5  # the sensor keeps the base, but a part has no sensors
+    assert ChangedBodyCompiler(spec, model, lambda _: True).changed([Override("site/tip.size[0]", "0.3")]) is None
