@@ -15,12 +15,13 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import clean, listing
 from mjrun.fitting.correlated_noise import DOUBT, are_white, samples_by_signal
 from mjrun.fitting.free_parameter import FreeParameter, values_at
-from mjrun.fitting.shooting_problem import STATE_SCALE, Floats, Solution
+from mjrun.fitting.measurements import least_noise
+from mjrun.fitting.shooting_problem import STATE_SCALE, Floats, Solution, with_noise
 
 # Least change of the data from one bound to the other, in standard deviations of their noise: a standard error of half
 # the range determines nothing.
 LEAST = 2.0
-SHARE = 0.01  # least effect, relative to the largest, of a parameter in an undetermined combination
+SHARE = 0.01  # least effect, or component, relative to the largest, of a parameter in an undetermined combination
 BLOCKS = 20  # fewest blocks
 DRAWS = 4000
 UNIFORM = 12.0  # inverse variance of a coordinate that may have any value from 0 to 1
@@ -85,6 +86,33 @@ def all_information(solution: Solution, parameters: Sequence[FreeParameter]) -> 
     return information(projected(solution)) + np.diag(np.square(jacobians))
 
 
+def _certain_information(solution: Solution, parameters: Sequence[FreeParameter]) -> Floats:
+    """Returns the information of measurements whose noise is at least the rounding of simulations, `(p, p)`.
+
+    Where the residuals of an exact log are smaller, derivatives that are only rounding would seem to be effects.
+    """
+    values = np.concatenate([chunk.values for chunk in solution.chunks])
+    return all_information(with_noise(solution, np.maximum(solution.noise, least_noise(values, ()))), parameters)
+
+
+def _undetermined(solution: Solution, parameters: Sequence[FreeParameter]) -> Floats:
+    """Returns directions in which the measurements determine no coordinates, orthonormal, `(directions, p)`."""
+    values, vectors = np.linalg.eigh(_certain_information(solution, parameters))
+    return np.asarray(vectors.T[values < LEAST**2], np.float64)
+
+
+def _spread(draws: Floats, directions: Floats, generator: np.random.Generator) -> Floats:
+    """Moves coordinates from 0 to 1 in undetermined directions to either bound, as the measurements permit it."""
+    for along in directions:
+        moving = np.flatnonzero(np.abs(along) >= SHARE * np.abs(along).max())
+        ends: Floats = np.stack([-draws[:, moving], 1 - draws[:, moving]]) / along[moving]
+        farthest: Floats = np.stack([ends.min(axis=0).max(axis=1), ends.max(axis=0).min(axis=1)])
+        chosen = farthest[generator.integers(2, size=len(draws)), np.arange(len(draws))]
+        draws = draws.copy()
+        draws[:, moving] = np.clip(draws[:, moving] + chosen[:, None] * along[moving], 0, 1)
+    return draws
+
+
 @dataclass(frozen=True)
 class UnidentifiableParameters:
     """Parameters that the data do not determine: a single one, or several that compensate for each other."""
@@ -117,8 +145,7 @@ class Sensitivity:
 
 def sensitivity(solutions: Sequence[Solution], parameters: Sequence[FreeParameter]) -> Sensitivity:
     """Returns the sensitivity at the best of several solutions, as derivatives depend on the parameters."""
-    matrices = [all_information(solution, parameters) for solution in solutions]
-    each = [_of(matrix, parameters) for matrix in matrices]
+    each = [_of(_certain_information(solution, parameters), parameters) for solution in solutions]
     return min(each, key=lambda one: (sum(len(u.paths) for u in one.unidentifiable), one.condition))
 
 
@@ -175,11 +202,13 @@ def intervals(
 ) -> ParameterIntervals:
     """Estimates confidence intervals of a solution whose noise is that of its residuals.
 
-    As blocks are few, percentiles are widened as Student's t widens a normal distribution.
+    As blocks are few, percentiles are widened as Student's t widens a normal distribution. In directions that the
+    measurements do not determine, intervals extend as far as the bounds permit.
     """
     level = (1 - confidence) / 2
+    directions, generator = _undetermined(solution, parameters), np.random.default_rng(seed)
     if solution.estimate:
-        draws = solution.estimate.draws
+        draws = _spread(solution.estimate.draws, directions, generator)
         return _quantiles(solution, parameters, draws, draws - draws.mean(axis=0), confidence)
     from scipy import special
 
@@ -188,7 +217,6 @@ def intervals(
     informations = np.array([a.T @ a for a, _ in blocks])
     scores = np.array([a.T @ r for a, r in blocks])
     whole = all_information(solution, parameters)
-    generator = np.random.default_rng(seed)
     if solution.loss == "linear" and is_white(solution, informations, scores, whole):
         moves, widened = scattered(solution, parameters, seed), 1.0
     else:
@@ -198,7 +226,12 @@ def intervals(
             special.stdtrit(freedom, 1 - level) / special.ndtri(1 - level) * np.sqrt(len(blocks) / (len(blocks) - 1))
         )
     moves = widened * moves
-    return _quantiles(solution, parameters, np.clip(solution.coordinates + moves, 0, 1), moves, confidence)
+    draws = np.clip(solution.coordinates + moves, 0, 1)
+    if len(directions):
+        draws = np.clip(solution.coordinates + moves - moves @ directions.T @ directions, 0, 1)
+        draws = _spread(draws, directions, generator)
+        moves = draws - draws.mean(axis=0)
+    return _quantiles(solution, parameters, draws, moves, confidence)
 
 
 def _quantiles(
@@ -282,7 +315,7 @@ def _unfitted(scores: Floats, informations: Floats, whole: Floats) -> Floats:
 def _inverse_root(whole: Floats) -> Floats:
     """Returns a root R of the inverse of an information, R Rᵀ."""
     values, vectors = np.linalg.eigh(whole)
-    return vectors / np.sqrt(np.maximum(values, 1e-12 * values.max()))
+    return vectors / np.sqrt(np.maximum(values, 1e-12 * max(values.max(), 1.0)))
 
 
 def _degrees_of_freedom(informations: Floats, whole: Floats) -> Floats:

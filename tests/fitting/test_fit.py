@@ -394,3 +394,16 @@ def test_a_ball_that_settles_on_the_floor_leads_no_exact_log_astray(tmp_path: Pa
     data_files = [str(write_log(tmp_path / "log.csv", columns))]
     result = Fit(Simulation(str(path)), data=data_files, free=(("joint/hinge.damping", "0.01..1"),), starts=1).run()
     assert result.parameters[0].value == pytest.approx(0.1, rel=1e-6)
+
+
+@pytest.mark.parametrize("is_exact", [True, False])
+def test_an_undetermined_mass_may_have_any_value_within_its_bounds(tmp_path: Path, is_exact: bool) -> None:
+    """A pendulum without friction swings alike with any mass, and derivatives of exact logs are only rounding."""
+    path = write_model(tmp_path, damping=0.0, armature=0.0, frictionloss=0.0)
+    path.write_text(path.read_text().replace('mass="1"', 'mass="1.3"'))
+    times, angles = simulate(3.0, damping=0.0, armature=0.0, frictionloss=0.0)
+    table = write_log(tmp_path / "log.csv", {"time": times, "qpos/hinge": angles if is_exact else noisy(angles)})
+    fit = Fit(Simulation(str(path)), data=[str(table)], free=[("geom/rod.mass", "0.5..2")], holdout=0, starts=1)
+    with pytest.warns(MjrunWarning, match="do not determine"):
+        (mass,) = replace(fit, allow_unidentifiable=True).run().parameters
+    assert (mass.low, mass.high) == pytest.approx((0.5, 2.0))

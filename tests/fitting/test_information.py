@@ -178,6 +178,18 @@ def test_the_same_seed_gives_the_same_intervals() -> None:
     assert intervals(solution, parameters, 0.95, 3).low == intervals(solution, parameters, 0.95, 3).low
 
 
+def test_what_only_a_combination_determines_extends_to_the_bounds() -> None:
+    """If data determine the sum of two coordinates, 0.6, each may be from 0 to 0.6, and their correlation is −1."""
+    solution = line(0)
+    states = solution.sensitivities[0][1]
+    twice = np.repeat(solution.sensitivities[0][0], 2, axis=2)
+    both = replace(solution, coordinates=np.array([0.2, 0.4]), sensitivities=[(twice, states)])
+    found = intervals(both, [LINE, replace(LINE, path="y")], 0.95, 0)
+    np.testing.assert_allclose(found.low, -1.0, atol=0.02)
+    np.testing.assert_allclose(found.high, 0.2, atol=0.02)
+    assert found.correlation[0, 1] == pytest.approx(-1, abs=0.01)
+
+
 def test_draws_tell_what_the_range_does_not() -> None:
     """Normal draws have the inverse of their covariance as information, less that of the range; uniform ones have none.
 
