@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, FileError, UnknownNameError, UsageError, clean, counted, listing, option
 from mjrun.model.names import control_names, names
+from mjrun.model.table_column import split_header
 from mjrun.physics.timed_rows import SLACK, require_times, without_gaps
 from mjrun.probe.fields import RecordedFieldProbe
 from mjrun.probe.select import select
@@ -319,7 +320,7 @@ class _Table:
         if mapped.time is None:
             raise UsageError(f"{clean(path)} has no column 'time'\n{time_hint(names)}")
         self._has_time_map = mapped.time_is_mapped
-        in_table = [name for name in names if name in mapped.sources]
+        in_table = [name for each in names if (name := split_header(each)[0]) in mapped.sources]
         ordered = {name: mapped.sources[name] for name in in_table} | mapped.sources
         self._expressions = {TIME: mapped.time, **ordered}
         self.signals = [name for name in self._expressions if name != TIME and not name.startswith(CONTROLS)]
@@ -398,12 +399,14 @@ class _Table:
     def _mapped(self, names: Sequence[str], texts: Sequence[str]) -> ColumnMap:
         """Returns the expressions for its times, signals and commands."""
         available = ModelVocabulary(self._model)
-        measured = [name for name in names if _is_measured(name, available)]
+        headers = {split_header(name)[0]: name for name in names} | {name: name for name in names}
+        measured = [name for name in headers if _is_measured(name, available)]
+        readable = [headers[name] for name in (TIME, *self._commands, *measured) if name in headers]
         others = [name for name in available.names if name != TIME and not name.startswith(CONTROLS)]
         columns: dict[str, list[str]] = {}
         for name in dict.fromkeys([*self._commands, *others, *measured]):
             columns.setdefault(name.partition("/")[0], []).append(name)
-        return column_map(columns, names, texts, self._path, by_name={TIME, *self._commands, *measured})
+        return column_map(columns, names, texts, self._path, by_name=readable)
 
 
 def _is_measured(name: str, available: ModelVocabulary) -> bool:

@@ -187,6 +187,11 @@ UNITS: dict[str, str | Unit] = {
     "actuator_velocity": lambda model, actuator: rate_unit(actuator_unit(model, actuator)),
 }  # fmt: skip
 
+# Every unit of a column that a model has, except the degrees of cameras and lights.
+SI_UNITS = frozenset(unit for unit in UNITS.values() if isinstance(unit, str)) - {"deg"}
+SI_UNITS |= {"rad", "m", "rad/s", "m/s", "rad/s²", "m/s²", "kg·m/s", *SENSORS.values()}
+SI_UNITS |= {*STIFFNESS.values(), *DAMPING.values(), *ARMATURE.values(), *FORCES.values()}
+
 
 def field_unit(model: mujoco.MjModel, field: str, row: int) -> str:
     """Returns the unit of row `row` of a field; empty for pure numbers and unknown units."""

@@ -8,6 +8,9 @@ left side is a joint of several numbers (`qpos/root`) or a whole field (`qpos`),
 columns that are numbered or named by component, or several names or expressions whose numbers are joined:
 `qpos=root_mm/1000,root_quat,dof*pi/180`. There, the common name of numbered columns represents each of them.
 In `qpos/{}={}_deg*pi/180`, `{}` represents any text for which both sides are valid.
+
+The unit of a column that is read unchanged, which the table states or which follows its name in brackets as in
+`qpos/knee [deg]`, is converted to SI units. An expression reads the numbers of the table and converts them by itself.
 """
 
 import re
@@ -26,7 +29,8 @@ from mjrun.errors import UnknownNameError, UsageError, clean, concerning, listin
 from mjrun.formats.input_file import opened
 from mjrun.formats.table_reader import open_table, read_table
 from mjrun.model.names import JOINT_TRANSMISSIONS, control_names
-from mjrun.model.table_column import split_column
+from mjrun.model.table_column import split_column, split_header
+from mjrun.model.units import SI_UNITS
 from mjrun.options.number_kinds import UNITS as EXACT_UNITS
 from mjrun.options.setting_kinds import UNITS
 from mjrun.physics.control import ControlTable
@@ -51,7 +55,7 @@ SI_FACTORS = {
     **{name: float(factor) for name, factor in EXACT_UNITS["SECONDS"].items()},
     **{f"{name}{rate}": factor for name, (_, factor) in UNITS.items() for rate in ("", "/s")},
 }
-ANGLE, DEGREES = r"\s*\[(deg|°|rad)\]$", r"\[(deg|°)\]$"
+DEGREES = "°"  # another name of `deg`
 
 
 @dataclass
@@ -135,7 +139,7 @@ class _Resolver:
     ) -> None:
         self.map = ColumnMap(columns)
         self._columns, self._names, self._source = columns, list(names), source
-        self._by_clean = {clean(name): name for name in names}
+        self._by_clean = _by_name(names)
         self._order, self._quaternions = order, quaternions
         self._known = {name for owned in columns.values() for name in owned}
         self._groups = self._all_groups()
@@ -144,7 +148,7 @@ class _Resolver:
 
     def read_names(self, names: Collection[str]) -> None:
         """Reads the table's columns `names` by their names, or by their numbers in a joint or field."""
-        readable = {clean(name): name for name in names}
+        readable = _by_name(names)
         used: set[str] = set()
         for columns in self._columns.values():
             for name in columns:
@@ -304,6 +308,11 @@ class _Resolver:
         return groups
 
 
+def _by_name(names: Collection[str]) -> dict[str, str]:
+    """Returns columns by their names, and by those without the unit in brackets, unless another has that name."""
+    return {clean(split_header(name)[0]): name for name in names} | {clean(name): name for name in names}
+
+
 def _numbered(prefix: str, names: Mapping[str, str]) -> list[str]:
     """Returns the columns among `names` that are called `prefix` and numbered, from 0 or from 1."""
     for pattern in NUMBERED:
@@ -394,13 +403,33 @@ def evaluated(path: str | Path, expressions: Mapping[str, RowExpression]) -> dic
             for key, evaluator in evaluators.items():
                 parts[key].append(evaluator.feed(columns))
         table.require_unchanged()
-        factors = {key: _si_factor(expression, table.units) for key, expression in expressions.items()}
+        factors = {key: _si_factor(key, expression, table.units) for key, expression in expressions.items()}
     return {key: np.concatenate(blocks) * factors[key] for key, blocks in parts.items()}
 
 
-def _si_factor(expression: RowExpression, units: Mapping[str, str]) -> float:
-    """Returns the factor to SI units of a column with a stated unit; 1 for an expression, which converts by itself."""
-    return SI_FACTORS.get(units.get(expression.columns[0], ""), 1) if expression.is_column else 1
+def _si_factor(name: str, expression: RowExpression, units: Mapping[str, str]) -> float:
+    """Returns the factor to SI units of a column with a stated unit; 1 for an expression, which converts by itself.
+
+    Args:
+      name: name of the model's column.
+
+    Raises:
+      UsageError: the unit is unknown.
+    """
+    if not expression.is_column:
+        return 1
+    column = expression.columns[0]
+    in_header = None if column == name else split_header(column)[1]
+    unit = (units.get(column) or in_header or "").replace(DEGREES, "deg")
+    if not unit or unit in SI_UNITS:
+        return 1
+    if unit not in SI_FACTORS:
+        raise UsageError(
+            f"column {clean(column)} is in an unknown unit, {quoted(unit)}\n"
+            f"units that are converted: {listing(list(SI_FACTORS))}; for others, {option('map')} assigns an "
+            f"expression, as in {clean(name)}={clean(spelled(column))}*FACTOR"
+        )
+    return SI_FACTORS[unit]
 
 
 def state_map(model: mujoco.MjModel, names: Sequence[str], texts: Sequence[str], quat: str, source: str) -> ColumnMap:
@@ -510,7 +539,8 @@ def read_controls(
     actuators, available = control_names(model), column_names(path)
     names = [f"ctrl/{name}" for name in actuators]
     others = _other_controls(model, available)
-    table = read_table(path, lambda name: name in {TIME, *others} or re.match(CONTROL, name) is not None)
+    readable = {_by_name(available).get(TIME), *others}
+    table = read_table(path, lambda name: name in readable or re.match(CONTROL, name) is not None)
     columns = table.columns
     mapped = column_map({"ctrl": names}, list(columns), list(others.values()), source)
 
@@ -524,7 +554,8 @@ def read_controls(
         raise UsageError(f"{option('ctrl')} and {clean(source)} both drive {listing(twice)}")
     for name in mapped.unused:
         if name.startswith("ctrl/") and name not in others:
-            raise UnknownNameError("actuator", name.removeprefix("ctrl/"), actuators, where=f"the columns of {source}")
+            actuator = split_header(name)[0].removeprefix("ctrl/")
+            raise UnknownNameError("actuator", actuator, actuators, where=f"the columns of {source}")
     held = {index for indices in constants.values() for index in indices}
     missing = [name for index, name in enumerate(names) if index not in driven and index not in held]
     if not driven or missing:
@@ -535,36 +566,30 @@ def read_controls(
             f"degrees, and {option('ctrl')} sets the others"
         )
 
-    def values(expression: RowExpression) -> np.ndarray:
-        return expression.values(columns) * _si_factor(expression, table.units)
+    def values(name: str, expression: RowExpression) -> np.ndarray:
+        return expression.values(columns) * _si_factor(name, expression, table.units)
 
-    controls = {names[index]: values(mapped.sources[names[index]]) for index in driven}
-    return ControlTable(TimedRows(values(mapped.time), controls, source, linear), driven)
+    controls = {names[index]: values(names[index], mapped.sources[names[index]]) for index in driven}
+    return ControlTable(TimedRows(values(TIME, mapped.time), controls, source, linear), driven)
 
 
 def _other_controls(model: mujoco.MjModel, columns: Sequence[str]) -> dict[str, str]:
     """Returns the entries of a map for columns that are named after an actuator, or after a joint that only one drives.
 
-    A unit in brackets behind the name converts degrees to radians, also of columns such as `ctrl/hip [deg]`.
+    The name may be followed by a unit in brackets.
     """
     joints = _joints_of_controls(model)
     driven = [joint for joint in joints.values() if joint]
-    found = {column.removeprefix("ctrl/") for column in columns if column.startswith("ctrl/")}
+    named, found = _by_name(columns), set[str]()
+    found |= {name.removeprefix("ctrl/") for name in named if name.startswith("ctrl/")}
     entries: dict[str, str] = {}
     for control, joint in joints.items():
         for name in (control, *([joint] if driven.count(joint) == 1 and joint not in joints else [])):
-            column = next((each for each in columns if _without_unit(each) == name), None)
+            column = named.get(name)
             if column and control not in found:
                 found.add(control)
-                degrees = "*pi/180" if re.search(DEGREES, column) else ""
-                entries[column] = f"ctrl/{control}={spelled(column)}{degrees}"
+                entries[column] = f"ctrl/{control}={spelled(column)}"
     return entries
-
-
-def _without_unit(column: str) -> str:
-    """Returns the name of a control or joint for a column such as `hip [deg]`; an empty text for `ctrl/hip`."""
-    name = re.sub(ANGLE, "", column)
-    return name.removeprefix("ctrl/") if name != column else "" if name.startswith("ctrl/") else name
 
 
 def _joints_of_controls(model: mujoco.MjModel) -> dict[str, str]:

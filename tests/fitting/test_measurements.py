@@ -32,6 +32,20 @@ def test_columns_count_by_name_or_by_a_map(tmp_path: Path) -> None:
     assert not mapped.segments[0].controls.any()
 
 
+def test_units_in_headers_are_converted(tmp_path: Path) -> None:
+    angles = np.sin(TIMES)
+    named = read(tmp_path, {"time": TIMES, "qpos/hinge": angles, "ctrl/motor": TIMES})
+    headed = {"time [ms]": 1000 * TIMES, "qpos/hinge [deg]": np.degrees(angles), "ctrl/motor [N·m]": TIMES}
+    found = read(tmp_path, headed)
+    assert found.signals == named.signals
+    for one, other in zip(found.segments, named.segments, strict=True):
+        np.testing.assert_allclose(one.times, other.times, rtol=1e-15)
+        np.testing.assert_allclose(one.values, other.values, rtol=1e-15)
+        np.testing.assert_allclose(one.controls, other.controls, rtol=1e-15)
+    with pytest.raises(UsageError, match="unknown unit, 'grad'"):
+        read(tmp_path, {"time": TIMES, "qpos/hinge [grad]": angles})
+
+
 def test_gaps_split_a_log(tmp_path: Path) -> None:
     times = np.concatenate([TIMES, TIMES + 1, TIMES[:5] + 2])
     found = read(tmp_path, {"time": times, "qpos/hinge": np.sin(times)})

@@ -262,6 +262,30 @@ def test_controls_may_be_named_after_their_actuators_or_joints(tmp_path: Path, n
     assert controls(tmp_path / "t.csv", {**renamed, "else": [9.0, 9.0]}).tolist() == [[0, 2], [0, 3]]
 
 
+def test_units_in_headers_are_converted(tmp_path: Path) -> None:
+    """As a table without units that holds the same motion, also of joints of several numbers and of the time."""
+    qpos, rows = tumble().qpos[ROWS], 2.0 * ROWS
+    table = pd.DataFrame({"time [ms]": rows})
+    table[[f"qpos/root/{axis} [mm]" for axis in "xyz"]] = 1000 * qpos[:, :3]
+    table[[f"qpos/root/q{axis}" for axis in "wxyz"]] = qpos[:, 3:7]
+    table["qpos/hip [deg]"] = np.degrees(qpos[:, 7])
+    table[[f"qpos/neck/q{axis}" for axis in "wxyz"]] = qpos[:, 8:12]
+    table["qpos/lift [m]"] = qpos[:, 12]
+    table.to_csv(tmp_path / "log.csv", index=False)
+    np.testing.assert_allclose(positions(read(tmp_path / "log.csv")), qpos, atol=1e-12)
+    renamed = table.rename(columns={"qpos/hip [deg]": "angle [deg]"})
+    renamed.to_csv(tmp_path / "log.csv", index=False)
+    for text in ("qpos/hip='angle [deg]'", "qpos/hip='angle [deg]'*pi/180"):
+        np.testing.assert_allclose(positions(read(tmp_path / "log.csv", text)), qpos, atol=1e-12)
+
+
+def test_an_unknown_unit_is_refused_with_those_that_are_known(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text("time,qpos/lift [furlong]\n0,1\n1,2\n")
+    with pytest.raises(UsageError, match=r"\[furlong\] is in an unknown unit, 'furlong'\nunits .*: s, ms, .*, mm, .*"):
+        read(tmp_path / "log.csv")
+    assert positions(read(tmp_path / "log.csv", "qpos/lift='qpos/lift [furlong]'*201.168"), ROWS[:1])[0, 12] == 201.168
+
+
 @pytest.mark.parametrize("name", ["g [deg]", "b [deg]", "ctrl/g [deg]", "b [°]"])
 def test_controls_in_degrees_are_converted(tmp_path: Path, name: str) -> None:
     columns = {"time": [0.0, 1.0], "m": [0.0, 0.0], name: [90.0, -180.0]}
