@@ -15,7 +15,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from mjrun.errors import MjrunError, UsageError, clean, listing, option
+from mjrun.errors import MjrunError, ModelError, UsageError, clean, listing, option
 from mjrun.experiment.design import SHORT_PATHS, Design, design, numbers, texts_at
 from mjrun.experiment.results_table import (
     Requirements,
@@ -175,7 +175,7 @@ class PreparedStudy(PreparedPoints):
     @cached_property
     def planned_size(self) -> int:
         """Points in a chunk whose time cannot be measured, from the length of the first simulation."""
-        steps = max(1, self.first.timeline(self.first.load()).steps)
+        steps = max(1, self.first.timeline(self.model).steps)
         return max(1, min(CHUNK_STEPS // steps, CHUNK_POINTS))
 
     def steps(self, indices: Sequence[int] | np.ndarray) -> np.ndarray:
@@ -228,6 +228,8 @@ class PreparedStudy(PreparedPoints):
             model = self._variants.load(self.first.source).model if episode is None else self.first.load()
             self.first.timeline(model)
             self.first.stepper(model)
+        except ModelError:
+            pass  # of this point alone, as the base model compiles: it fails wherever it is in the order
         except UsageError as error:
             match error.path:
                 case ("set", name, *rest) if name in self.points.names:

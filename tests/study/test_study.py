@@ -223,6 +223,17 @@ def test_points_that_fail_are_rows_and_the_rest_is_done(
     assert reasons["failed"].values["model"].endswith("missing.xml")
 
 
+@pytest.mark.parametrize("masses", ["-1,1", "1,-1"])
+def test_a_point_that_does_not_compile_fails_wherever_it_is(
+    simulation: Simulation, tmp_path: Path, masses: str
+) -> None:
+    with pytest.raises(FailedPointsError, match="1 failed, of 2 points"):
+        study(simulation, tmp_path / "study", vary={"geom/*.mass": masses}).run()
+    rows = pd.read_csv(tmp_path / "study" / "results.csv")
+    assert dict(zip(rows["geom/*.mass"], rows["status"], strict=True)) == {-1: "failed", 1: "ok"}
+    assert 3 in rows["exit_code"].tolist()
+
+
 def test_points_that_an_engine_loses_have_failed_and_are_tried_again_on_request(
     simulation: Simulation, tmp_path: Path
 ) -> None:
