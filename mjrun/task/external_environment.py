@@ -19,7 +19,7 @@ from mjrun.physics.stepper import BAD, PhysicsStepper
 from mjrun.probe.fields import extents, field_probe
 from mjrun.task.episode import Actor, ControlInstant, Ending, EpisodeColumnNames, EpisodeOver, ask
 from mjrun.task.task import TIMED_OUT
-from mjrun.timeline import rational
+from mjrun.timeline import rational, unrounded
 
 REWARD = "reward_"  # the prefix of terms of the reward in the info of a step
 TERMINATED = "terminated"  # the name of any ending other than the time limit
@@ -181,7 +181,7 @@ class ExternalEnvironment:
     def _replace_model(self, source: GymSource) -> None:
         """Replaces the environment's model by the one with overrides; the control period stays."""
         model, own = source.load(), self._mujoco.model
-        steps = self.control_dt / rational(model.opt.timestep)
+        steps = unrounded(self.control_dt / rational(model.opt.timestep))
         if state.sizes(model) != state.sizes(own):
             raise UsageError(f"{clean(source.text)}: the overridden model has other sizes than its environment's")
         if steps.denominator != 1:

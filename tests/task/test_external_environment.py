@@ -17,6 +17,7 @@ from mjrun.model.sources.gym import GymSource, quiet
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.task.episode import EpisodeOver, EpisodeStepper
 from mjrun.task.external_environment import EnvironmentStepper, ExternalEnvironment
+from mjrun.timeline import rational
 from tests.task.environments import registered
 
 ACTION = np.array([0.25])
@@ -125,6 +126,13 @@ def test_an_overridden_model_takes_the_place_of_its_own_and_the_control_period_s
 def test_a_timestep_that_does_not_divide_the_control_period_is_refused() -> None:
     with pytest.raises(UsageError, match=r"acts every 0\.008 s, which must be a whole number of timesteps"):
         ExternalEnvironment(GymSource("Hopper-v5", overrides=(Override("opt.timestep", "0.003"),)))
+
+
+def test_a_timestep_that_is_a_quotient_of_floats_divides_the_control_period() -> None:
+    text = repr(0.008 / 7)
+    assert 7 * rational(text) != rational("0.008")
+    source = GymSource("Hopper-v5", overrides=(Override("opt.timestep", text),))
+    assert ExternalEnvironment(source).control_steps == 7
 
 
 def test_an_episode_starts_where_an_overridden_model_does() -> None:
