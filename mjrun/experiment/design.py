@@ -26,9 +26,11 @@ from mjrun.errors import FileError, UnknownNameError, UsageError, clean, concern
 from mjrun.experiment.samplers import SAMPLERS, SAMPLES, correlated, rank_correlations
 from mjrun.formats.input_file import decoding, opened
 from mjrun.model.names import names
+from mjrun.model.override import QUANTITIES
 from mjrun.options.kinds import AnyKind
 from mjrun.options.number_kinds import IntegerKind
 from mjrun.options.option import options_of
+from mjrun.options.setting_kinds import UNITS
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.sweep import MOST_POINTS, VariationOptions
 from mjrun.physics.random_distribution import Distribution, parse_distribution
@@ -43,7 +45,16 @@ BLOCK = 4096  # points that are made at once
 EACH = "each:"
 SHORT_PATHS = {"integrator": "opt.integrator", "timestep": "opt.timestep"}  # options that are paths of the model, too
 
-RANGE = re.compile(r"(-?[\d.]*\d(?:e-?\d+)?)\.\.(-?[\d.]*\d(?:e-?\d+)?)")  # without a count
+# The units that values may have, in SI units; those of angles are products of floats, others are rounded once.
+ANGLES = {f"{unit}{rate}": UNITS[unit][1] for unit in ("deg", "rad") for rate in ("", "/s")}
+FACTORS = {
+    **{unit: factor for unit, (_, factor) in QUANTITIES.items()},
+    **{f"{unit}/s": factor for unit, (_, factor) in UNITS.items()},
+    **ANGLES,
+}
+QUANTITY = re.compile(rf"([-+.\deE]*[.\d])\s*({'|'.join(FACTORS)})")
+
+RANGE = re.compile(r"(-?[\d.]*\d(?:e-?\d+)?[a-z/]*)\.\.(-?[\d.]*\d(?:e-?\d+)?[a-z/]*)")  # without a count
 SPAN = re.compile(r"(?P<log>log:)?(?P<first>\.?[^.].*?)\.\.(?P<last>.+):(?P<count>.+)")
 MOST_IN_SPAN = 1_000_000
 DRAWN = 2**16  # samples whose values are computed at once
@@ -272,18 +283,34 @@ class Design:
 def numbers(texts: Sequence[str]) -> np.ndarray | None:
     """Converts the values of a parameter to numbers `(n,)`, NaN for `ABSENT`; returns None if they are not numbers.
 
-    Texts remain those that a float would round to another whole number, such as seeds of 64 bits.
+    Those with a unit, `10deg`, are converted to SI units, as a simulation does. Texts remain those that a float would
+    round to another whole number, such as seeds of 64 bits.
     """
     if isinstance(texts, NumberTexts):
         return texts.numbers
     try:
-        values = np.fromiter((float(text) if text else math.nan for text in texts), float, len(texts))
+        values = np.fromiter((_number(text) if text else math.nan for text in texts), float, len(texts))
         large = np.flatnonzero(np.abs(values) >= EXACT)
         whole = [place for place in large.tolist() if texts[place].lstrip("+-").isdecimal()]
         is_exact = all(int(texts[place]) == int(values[place]) for place in whole)
     except (ValueError, OverflowError):  # the latter of a whole number that is no float
         return None
     return values if is_exact else None
+
+
+def _number(text: str) -> float:
+    if not (quantity := QUANTITY.fullmatch(text.strip())):
+        return float(text)
+    number, unit = quantity.groups()
+    if unit in ANGLES:
+        return float(number) * ANGLES[unit]
+    return float(rational(number) * rational(FACTORS[unit]))
+
+
+def _without_unit(text: str) -> tuple[str, str]:
+    """Splits a number from its unit, which may be empty."""
+    quantity = QUANTITY.fullmatch(text.strip())
+    return (quantity[1], quantity[2]) if quantity else (text, "")
 
 
 def texts_at(texts: Sequence[str], places: np.ndarray) -> list[str]:
@@ -435,7 +462,7 @@ def design(options: VariationOptions, model: mujoco.MjModel, seed: int) -> Desig
             for name in _expanded(path, model):
                 if name in {*lists, *distributions}:
                     raise UsageError(f"{option('vary')} {clean(name)} is given twice; give all its values at once")
-                distribution = parse_distribution(text, f"{option('vary')} {clean(path)}")
+                distribution = parse_distribution(text, f"{option('vary')} {clean(path)}", FACTORS)
                 if distribution is None:
                     lists[name] = value_list(name, text, "vary")
                 else:
@@ -533,7 +560,7 @@ def _require_alone(options: VariationOptions, lists: Mapping[str, Sequence[str]]
 
 
 def _drawn(distribution: Distribution, fractions: np.ndarray) -> Sequence[str]:
-    if distribution.name == "choice":
+    if distribution.name == "choice" or distribution.unit:
         return distribution.values(fractions)
     values = np.empty(len(fractions))
     for start in range(0, len(values), DRAWN):  # quantile functions need several times the memory of their values
@@ -636,9 +663,20 @@ def value_list(path: str, text: str, name: str) -> Sequence[str]:
 
 
 def _spaced(span: re.Match[str], place: str) -> Sequence[str]:
-    """Returns the values of `FIRST..LAST:COUNT`, including both ends; evenly spaced ones are exact in decimals."""
+    """Returns the values of `FIRST..LAST:COUNT`, including both ends; evenly spaced ones are exact in decimals.
+
+    Both ends may have a unit, which all values then have.
+    """
+    (low, unit), (high, other) = _without_unit(span["first"]), _without_unit(span["last"])
+    if unit != other:
+        raise UsageError(f"{place}: write both ends in the same unit, or both without one")
+    values = _spaced_numbers(low, high, span, place)
+    return [f"{text}{unit}" for text in values] if unit else values
+
+
+def _spaced_numbers(low: str, high: str, span: re.Match[str], place: str) -> Sequence[str]:
     try:
-        first, last, count = rational(span["first"]), rational(span["last"]), int(span["count"])
+        first, last, count = rational(low), rational(high), int(span["count"])
     except ValueError:
         raise UsageError(f"{place}: write FIRST..LAST:COUNT, with numbers") from None
     if max(abs(first), abs(last)) > sys.float_info.max:

@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from functools import cache, cached_property
 
 import numpy as np
@@ -42,12 +42,14 @@ class Distribution:
     Attributes:
       text: its text form: `uniform(0.3, 1)`.
       name: `uniform`.
-      arguments: the texts in its parentheses.
+      arguments: the texts in its parentheses, numbers without their unit.
+      unit: unit of all numbers, as in `uniform(10deg, 30deg)`; usually empty.
     """
 
     text: str
     name: str
     arguments: tuple[str, ...]
+    unit: str = ""
 
     def values(self, fractions: np.ndarray) -> list[str]:
         """Returns the quantiles of the distribution at these fractions `(n,)` from 0 to 1, as texts."""
@@ -55,7 +57,7 @@ class Distribution:
             count = len(self.arguments)
             return [self.arguments[min(int(fraction * count), count - 1)] for fraction in fractions]
         values = self.quantiles(fractions).tolist()
-        return [str(int(value)) if self.name == "integers" else repr(value) for value in values]
+        return [f"{int(value) if self.name == 'integers' else repr(value)}{self.unit}" for value in values]
 
     def quantiles(self, fractions: np.ndarray) -> np.ndarray:
         """Returns the quantiles of a distribution of numbers at these fractions `(n,)` from 0 to 1."""
@@ -67,11 +69,12 @@ class Distribution:
         return [float(argument) for argument in self.arguments]
 
 
-def parse_distribution(text: str, place: str) -> Distribution | None:
+def parse_distribution(text: str, place: str, units: Collection[str] = ()) -> Distribution | None:
     """Returns the distribution that `text` specifies; None if `text` is not a call.
 
     Args:
       place: its name in messages: `vary geom/floor.friction[0]`.
+      units: units, one of which all numbers may have.
 
     Raises:
       UsageError: the distribution does not exist, or its numbers are invalid.
@@ -87,6 +90,11 @@ def parse_distribution(text: str, place: str) -> Distribution | None:
             raise UsageError(f"{place}: {clean(text)}: write {DISTRIBUTIONS[name]}")
         return Distribution(text.strip(), name, arguments)
     condition, is_valid = CONDITIONS[name]
+    unit = next((each for each in sorted(units, key=len, reverse=True) if arguments[0].endswith(each)), "")
+    if unit and all(each.endswith(unit) for each in arguments):
+        arguments = tuple(each.removesuffix(unit).rstrip() for each in arguments)
+    elif unit:
+        raise UsageError(f"{place}: {clean(text)}: write all numbers in {unit}, or all without a unit")
     try:
         numbers = [float(argument) for argument in arguments]
     except ValueError:
@@ -94,7 +102,7 @@ def parse_distribution(text: str, place: str) -> Distribution | None:
     has_all = len(numbers) == DISTRIBUTIONS[name].count(",") + 1 and np.isfinite(numbers).all()
     if not has_all or not is_valid(numbers):
         raise UsageError(f"{place}: {clean(text)}: write {DISTRIBUTIONS[name]}, {condition}")
-    return Distribution(text.strip(), name, arguments)
+    return Distribution(text.strip(), name, arguments, unit)
 
 
 @cache

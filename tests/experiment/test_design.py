@@ -226,6 +226,28 @@ def test_a_span_is_spelled_out(text: str, expected: list[str]) -> None:
     assert [*value_list("opt.x", text, "scan")] == expected
 
 
+def test_values_with_units_are_numbers_in_si_units() -> None:
+    """As pint or a pocket calculator converts them; the simulation gets the texts, whose units it checks."""
+    vary = {"qpos/a": "10deg,20deg", "geom/g.size": "25mm..35mm:3", "qpos/b": "uniform(10deg, 20deg)"}
+    made = points(vary=vary, samples=2, where=["a > 0.2", "size < 0.032"])
+    assert [made.column(0).numbers, made.column(1).numbers] == [
+        pytest.approx([np.pi / 9] * 4),
+        pytest.approx([0.025, 0.025, 0.03, 0.03], rel=1e-15),
+    ]
+    assert {values[:2] for values in made.points} == {("20deg", "25mm"), ("20deg", "30mm")}
+    assert all(values[2].endswith("deg") and 10 < float(values[2][:-3]) < 20 for values in made.points)
+    drawn, plain = made.column(2).numbers, points(vary={"qpos/b": "uniform(10, 20)"}, samples=2).column(0).numbers
+    assert drawn is not None
+    assert plain is not None
+    np.testing.assert_allclose(drawn, np.tile(np.radians(plain), 2))
+
+
+@pytest.mark.parametrize("text", ["10deg..20:3", "uniform(10deg, 20)", "10deg..200mm:3"])
+def test_ends_in_different_units_are_refused(text: str) -> None:
+    with pytest.raises(UsageError, match=r"same unit|all numbers in deg"):
+        points(vary={"qpos/a": text})
+
+
 def test_a_range_without_a_count_shows_both_things_that_it_may_mean() -> None:
     with pytest.raises(UsageError, match=r"-0\.5\.\.1e-1:10 for ten values, or uniform\(-0\.5,1e-1\)"):
         value_list("opt.x", "-0.5..1e-1", "vary")
