@@ -229,9 +229,12 @@ def _options(request: OutputRequest[OutputResult]) -> object:
 
 def _changes(before: Facts, after: Facts) -> Iterator[str]:
     """Yields sentences about the differences between the facts of two runs, the most telling first."""
+    left = {digest: path for path, digest in before["files"].items() if digest and path not in after["files"]}
     for path in dict.fromkeys([*after["files"], *before["files"]]):
         old, new = before["files"].get(path), after["files"].get(path)
-        if old != new:
+        if old is None and new in left:
+            yield f"{clean(path)} is read instead of {clean(left[new])}"
+        elif old != new:
             what = "may be read now" if old is None else "is no longer read" if new is None else "has changed"
             yield f"{clean(path)} {what}"
     if before["code"] != after["code"]:

@@ -3,6 +3,7 @@
 import functools
 import json
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -127,6 +128,14 @@ def test_outputs_that_are_missing_or_changed_are_made_again(run: Callable[..., t
     assert run() == ("", UP_TO_DATE)
     if name != "fast.json":  # which holds wall times
         assert path.read_bytes() == content
+
+
+def test_another_path_of_the_same_model_is_told(run: Callable[..., tuple[str, str]]) -> None:
+    run()
+    shutil.copytree("meshes", "other/meshes")
+    shutil.copytree("parts", "other/parts")
+    shutil.copy("model.xml", "other/model.xml")
+    assert run("model=other/model.xml")[0] == "other/model.xml is read instead of model.xml"
 
 
 def test_a_new_file_in_the_way_of_another_is_told(run: Callable[..., tuple[str, str]]) -> None:
