@@ -277,7 +277,8 @@ class StudyFigurePlan:
         if not self._metrics and self._options.x not in (None, TIME):
             raise UsageError(f"{option('x')} does not apply to columns over time, whose x axis is the time")
         panels = list[GraphPanel]()
-        for index, each in enumerate(self._trajectories.overlays(curves), len(self._metrics)):
+        limits = None if self._metrics else self._options.xlim
+        for index, each in enumerate(self._trajectories.overlays(curves, limits), len(self._metrics)):
             x, marks = scale("time [s]", each.times, edge=0.0), []
             if self._over_time:
                 marks = [mark for mark in self._marks if not mark.vertical and mark.panel in (None, index + 1)]
@@ -490,11 +491,16 @@ class _PointTraces:
         names = [name for name in self.columns if name in read or not self._results.metrics]
         return [curve for name in names[:PANELS] for curve in parse_panel(name, self.columns).curves]
 
-    def overlays(self, curves: Sequence[CurveSpec]) -> "list[_Overlay]":
-        """Returns the trajectories of all points for each of these curves."""
+    def overlays(self, curves: Sequence[CurveSpec], limits: tuple[float, float] | None) -> "list[_Overlay]":
+        """Returns the trajectories of all points for each of these curves.
+
+        Args:
+          limits: range of the time to show [s]; None for all.
+        """
         if not curves:
             return []
-        tables = self._tables([*dict.fromkeys(name for curve in curves for name in curve.expression.columns)])
+        names = [*dict.fromkeys(name for curve in curves for name in curve.expression.columns)]
+        tables = self._tables(names, limits)
         labels = self._labels(list(tables))
         drawn = [self._curve(curve, tables) for curve in curves]
         largest = dict[str, float]()
@@ -521,13 +527,13 @@ class _PointTraces:
         times = np.concatenate([table[TIME] for table in tables.values()])
         return _Overlay(with_unit(curve.name, curve.unit), times, values, series)
 
-    def _tables(self, names: Sequence[str]) -> dict[int, NumericTable]:
+    def _tables(self, names: Sequence[str], limits: tuple[float, float] | None) -> dict[int, NumericTable]:
         """Reads the traces of the points to show."""
         points = list(self._traces)
         if len(points) > POINTS:
             self.notes.append(f"{POINTS} of {len(points)} points with traces have a line, evenly chosen")
             points = [points[i] for i in np.linspace(0, len(points) - 1, POINTS).round().astype(int)]
-        return {point: _thinned(read_table(str(self._traces[point]), [TIME, *names])) for point in points}
+        return {point: _thinned(read_table(str(self._traces[point]), [TIME, *names]), limits) for point in points}
 
     def _labels(self, points: Sequence[int]) -> list[str]:
         """Returns the name of each trajectory in the key; empty if they are too many."""
@@ -536,8 +542,16 @@ class _PointTraces:
         return point_names([point_values(self._traces[point].parent) for point in points], self._results.units)
 
 
-def _thinned(table: NumericTable) -> NumericTable:
-    """Selects every k-th row, about as many as a figure can show, and the last."""
-    count = len(next(iter(table.columns.values())))
-    rows = np.append(np.arange(0, count - 1, max(1, count // ROWS)), count - 1)
+def _thinned(table: NumericTable, limits: tuple[float, float] | None) -> NumericTable:
+    """Selects every k-th row within a range of time, about as many as a figure can show, and the first and last of all.
+
+    A row on either side of the range is selected, too: lines lead to them. Expressions may refer to the first row.
+    """
+    times = table[TIME]
+    low, high = limits or (-np.inf, np.inf)
+    shown = np.flatnonzero((times >= low) & (times <= high))
+    ends = (0, len(times) - 1)
+    first, last = np.clip([shown[0] - 1, shown[-1] + 1], *ends) if len(shown) else ends
+    step = max(1, (last - first + 1) // ROWS)
+    rows = np.unique([*ends, *range(first, last, step), last])
     return NumericTable({name: values[rows] for name, values in table.columns.items()}, table.units)

@@ -131,3 +131,13 @@ def test_many_lines_are_faint_and_have_no_names(tmp_path: Path, monkeypatch: pyt
     assert plan.notes == ["10 of 15 points with traces have a line, evenly chosen"]
     assert {(series.name, series.colour, series.opacity < 1) for series in knee.series} == {("", 0, True)}
     assert all(20 <= len(series.x) <= 40 and series.x[-1] == TIMES[-1] for series in knee.series)
+
+
+def test_a_range_of_time_is_drawn_with_the_rows_that_it_has(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A long trace is thinned within the range, not over its whole length."""
+    monkeypatch.setattr(study_plan, "ROWS", 10)
+    (hip,) = drawing(results(tmp_path, 2), y="qpos/hip", xlim=(1.95, 2.55)).panels
+    assert isinstance(hip, GraphPanel)
+    (series,) = hip.series
+    np.testing.assert_allclose(series.x, [0, *np.arange(19, 27) * 0.1, 4.9])
+    np.testing.assert_allclose(series.y, np.sin(series.x))
