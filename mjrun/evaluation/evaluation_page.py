@@ -1,6 +1,6 @@
 """The page about an evaluation: returns, endings and terms of the reward, the episodes, videos, and how it was made."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,7 +15,7 @@ from mjrun.experiment.results_page_parts import (
     study_figures,
     table_figure,
 )
-from mjrun.experiment.statistics import NumberSummary, Proportion
+from mjrun.experiment.statistics import Interval, NumberSummary, Proportion
 from mjrun.model.table_column import with_unit
 from mjrun.options.evaluation import MANIFEST
 from mjrun.options.plot import FigureOptions
@@ -53,7 +53,7 @@ def write_evaluation_page(
             *(_policy(each, result, several=len(result.policies) > 1) for each in result.policies),
             *_comparison(result),
             *parameters_table(points),
-            *_endings(result.policies),
+            *_endings(result),
             *_failed(result),
         ],
         figures=figures,
@@ -103,8 +103,11 @@ def _comparison(result: "EvaluationResult") -> list[PageFactTable]:
     rows = [
         (
             name,
-            number(each.difference),
-            interval(each.interval),
+            *(
+                _percents(each.difference, each.interval)
+                if name == "success"
+                else (number(each.difference), interval(each.interval))
+            ),
             number(each.iqm),
             interval(each.iqm_interval),
             clean(each.better or "undecided"),
@@ -119,13 +122,13 @@ def _comparison(result: "EvaluationResult") -> list[PageFactTable]:
     return [PageFactTable("Comparison", caption, heads, rows, range(1, 5))]
 
 
-def _endings(policies: Sequence[PolicySummary]) -> list[PageFactTable]:
+def _endings(result: "EvaluationResult") -> list[PageFactTable]:
     rows = [
         (each.ending, clean(policy.policy), each.outcome, *_share(each.share))
-        for policy in policies
+        for policy in result.policies
         for each in policy.endings
     ]
-    heads = ("Ending", "Policy", "Outcome", "Share", "Interval")
+    heads = ("Ending", "Policy", "Outcome", "Share", f"{100 * result.confidence:g} % interval")
     return [PageFactTable("Endings", "How episodes ended", heads, rows, (3, 4))] if rows else []
 
 
@@ -143,6 +146,11 @@ def _failed(result: "EvaluationResult") -> list[PageFactTable]:
 
 
 def _share(share: Proportion) -> tuple[str, str]:
-    low, high = share.interval.low, share.interval.high
-    interval = "" if low is None or high is None else f"{100 * low:.3g} … {100 * high:.3g} %"
-    return "" if share.share is None else f"{100 * share.share:.3g} %", interval
+    return _percents(share.share, share.interval)
+
+
+def _percents(share: float | None, ends: Interval) -> tuple[str, str]:
+    """Formats a share, or a difference of shares, and its interval."""
+    low, high = ends.low, ends.high
+    interval = "" if low is None or high is None else f"{number(100 * low, 3)} … {number(100 * high, 3)} %"
+    return "" if share is None else f"{number(100 * share, 3)} %", interval

@@ -24,7 +24,7 @@ from mjrun.formats.tables import output_format
 from mjrun.model import state
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.names import SCALAR_JOINTS, control_names, names
-from mjrun.model.table_column import Column
+from mjrun.model.table_column import Column, with_unit
 from mjrun.options.fit import EXTRAS
 from mjrun.packages import require_all
 from mjrun.probe.fields import field_probe
@@ -166,6 +166,7 @@ class ExpectedParameterInterval:
       start: value in the model.
       low, high: ends of the confidence interval to expect if this value is true.
       effect: change of the measurements between its bounds, in standard deviations of their noise.
+      unit: unit of the values; empty if they have none, or if it is unknown.
     """
 
     path: str
@@ -173,6 +174,12 @@ class ExpectedParameterInterval:
     low: float
     high: float
     effect: float
+    unit: str = ""
+
+    @property
+    def label(self) -> str:
+        """The path with its unit: `joint/hinge.damping [N·m·s/rad]`."""
+        return with_unit(self.path, self.unit)
 
 
 @dataclass(frozen=True)
@@ -456,7 +463,8 @@ class _Excitation:
         low, high = np.clip(self._coordinates - reach, 0, 1), np.clip(self._coordinates + reach, 0, 1)
         rows = zip(self._parameters, self._coordinates, low, high, effects, strict=True)
         return [
-            ExpectedParameterInterval(p.path, p.value(c), p.value(a), p.value(b), effect) for p, c, a, b, effect in rows
+            ExpectedParameterInterval(p.path, p.value(c), p.value(a), p.value(b), effect, p.unit(self._model))
+            for p, c, a, b, effect in rows
         ]
 
 

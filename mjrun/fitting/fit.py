@@ -508,9 +508,9 @@ class _Run:
     ) -> FitResult:
         fit = self._fit
         known = intervals(last, self._parameters, fit.confidence, fit.simulation.seed)
-        values = values_at(self._parameters, last.coordinates)
+        values, model = values_at(self._parameters, last.coordinates), self._predictor.model
         parameters = [
-            FittedParameter(p.path, p.start, value, low, high, effect, bound_reached(coordinate))
+            FittedParameter(p.path, p.start, value, low, high, effect, bound_reached(coordinate), p.unit(model))
             for p, value, low, high, effect, coordinate in zip(
                 self._parameters, values, known.low, known.high, sensitivities.effects, last.coordinates, strict=True
             )

@@ -17,9 +17,11 @@ from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, con
 from mjrun.fitting.measurements import Floats
 from mjrun.model.override import ELEMENTS, Override, elements_at, indices_at, source_values
 from mjrun.model.source import ModelSource, physics_fingerprint
+from mjrun.model.units import setting_unit
 
 INERTIA = "inertia:"  # begins the name of a parameter: `inertia:payload.mass`
 QUANTITIES = {"mass": 1, "center": 3, "shape": 6}  # number of parameters of each
+INERTIA_UNITS = {"mass": "kg", "center": "m", "shape": ""}
 STRETCHES = 3  # the first numbers of a shape are factors, the others shears
 _PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))  # numbers of a shape in a triangular matrix
 THINNEST = 1e-6  # least second moment over the largest; thinner plates and rods are thickened
@@ -208,6 +210,14 @@ class FreeParameter:
     def is_delay(self) -> bool:
         """True if it is a delay, false if it is a number of the model."""
         return bool(self.delayed)
+
+    def unit(self, model: mujoco.MjModel) -> str:
+        """Returns the unit of the number; empty if it has none, or if it is unknown."""
+        if self.is_delay:
+            return "s"
+        if self.inertia is not None:
+            return INERTIA_UNITS[self.path.rpartition(".")[2].partition("[")[0]]
+        return setting_unit(model, self.path)
 
     def value(self, coordinate: float) -> float:
         """Returns the number at a coordinate."""

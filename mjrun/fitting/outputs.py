@@ -443,7 +443,7 @@ def write_fit_page(
 def _parameters(result: "FitResult") -> PageFactTable:
     rows = [
         (
-            p.path,
+            p.label,
             number(p.start),
             number(p.value),
             _interval(p.low, p.high),

@@ -8,10 +8,11 @@ from mjrun.dataclass import dataclass
 from mjrun.fitting.free_parameter import BodyInertia, FreeParameter
 from mjrun.fitting.information import ParameterIntervals
 from mjrun.fitting.measurements import Floats
+from mjrun.model.table_column import with_unit
 from mjrun.plotting.html_page import PageFactTable, facts_table
 
 SCHEMA = "mjrun-fit-1"
-MOMENTS = {f"center/{axis}": "m" for axis in "xyz"} | {f"moment/{i}": "kg m²" for i in (1, 2, 3)}
+MOMENTS = {f"center/{axis}": "m" for axis in "xyz"} | {f"moment/{i}": "kg·m²" for i in (1, 2, 3)}
 QUANTITIES = {"mass": "kg", **MOMENTS}  # of an inertia, with their units
 
 
@@ -26,6 +27,7 @@ class FittedParameter:
       low, high: ends of its confidence interval.
       effect: change of the measurements between its bounds, in standard deviations of their noise.
       bound: `low` or `high` if the value is at this bound; otherwise empty.
+      unit: unit of the values; empty if they have none, or if it is unknown.
     """
 
     path: str
@@ -35,6 +37,12 @@ class FittedParameter:
     high: float
     effect: float
     bound: str
+    unit: str = ""
+
+    @property
+    def label(self) -> str:
+        """The path with its unit: `joint/hinge.damping [N·m·s/rad]`."""
+        return with_unit(self.path, self.unit)
 
 
 @dataclass(frozen=True)
@@ -145,10 +153,10 @@ class FitResult:
         """Returns the parameters with their intervals for a notebook."""
         heads = ("parameter", "start", "fitted", "from", "to")
         rows = [
-            [each.path, *(f"{value:.4g}" for value in (each.start, each.value, each.low, each.high))]
+            [each.label, *(f"{value:.4g}" for value in (each.start, each.value, each.low, each.high))]
             for each in self.parameters
         ]
-        caption = f"Parameters with their intervals at a confidence of {self.confidence:.0%}"
+        caption = f"Parameters with their intervals at a confidence of {100 * self.confidence:g} %"
         return facts_table(PageFactTable("Parameters", caption, heads, rows, range(1, len(heads))))
 
 

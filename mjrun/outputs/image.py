@@ -192,7 +192,7 @@ class OpenImage(output.OpenOutput[ImageResult]):
             self._write(index, compositor, pictures)
         clipped = max(writer.clipped for writer in self._writers)
         if clipped:
-            text = f"{clipped:.2%} of the visible pixels are beyond 65.535 m, the limit of 16-bit depth"
+            text = f"{100 * clipped:.2f} % of the visible pixels are beyond 65.535 m, the limit of 16-bit depth"
             self._scene_plan.context.reporter.warn(text)
 
         writers: list[OutputWriter] = [*self._writers]

@@ -214,7 +214,9 @@ class OpenVideo(output.OpenOutput[VideoResult]):
                     clipped += np.count_nonzero(part == UINT16_MAX) if depth else 0
         if clipped:
             share = clipped / (count * sum(is_depth) * prod(self._request.size))
-            self._reporter.warn(f"{share:.2%} of the pixels are at 65.535 m or beyond, the limit of 16-bit depth")
+            self._reporter.warn(
+                f"{100 * share:.2f} % of the pixels are at 65.535 m or beyond, the limit of 16-bit depth"
+            )
 
         for labels, spec in zip(self._labels, compositor.specs, strict=True):
             if labels:

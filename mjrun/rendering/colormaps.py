@@ -226,7 +226,8 @@ def legend(image: np.ndarray, segments: Sequence[SegmentedObject], colors: np.nd
     names = [text.fitted(text.letters(segment.name), size, room) for segment in segments[: max(0, shown)]]
     if not any(names):
         return
-    more = text.fitted(text.letters(f"… {len(segments) - shown} more"), size, room) if shown < len(segments) else ""
+    counts = (f"… {len(segments) - shown}{words}" for words in (" more", "")) if shown < len(segments) else ()
+    more = next((count for count in counts if text.width_of(text.letters(count), size) <= room), "")
     lines = [*names, more] if more else names
 
     box = (

@@ -18,6 +18,7 @@ from mjrun.rendering.text import (
     blend,
     crisp,
     fitted,
+    fitted_ends,
     letters,
     rounded,
     width_of,
@@ -195,20 +196,28 @@ class LivePlot:
     def _flow(self, entries: list[_LegendEntry], room: float, width: int, with_units: bool) -> Iterator[_LegendEntry]:
         """Yields the entries, placed in as many rows as they need."""
         em, row, inset = self._em, 0, round(0.7 * self._em)
+        units = [f" {entry.unit}" if entry.unit and with_units else "" for entry in entries]
+        values = [self._value_width(series) for series in range(len(entries))]
+        rooms = [
+            min(room, width - 2 * inset - 1.5 * em - value - width_of(unit, em))
+            for value, unit in zip(values, units, strict=True)
+        ]
+        names = _shortened([entry.name for entry in entries], em, rooms)
         pen: float = inset
-        for series, entry in enumerate(entries):
-            finite = self._values[:, series][np.isfinite(self._values[:, series])]
-            extremes = [finite.min(), finite.max()] if finite.size else []
-            unit = f" {entry.unit}" if entry.unit and with_units else ""
-            value = 0.5 * em + max((width_of(self._figures(float(v)), em) for v in extremes), default=em)
+        for entry, name, value, unit in zip(entries, names, values, units, strict=True):
             after = width_of(unit, em)
-            name = _shortened(entry.name, em, min(room, width - 2 * inset - 1.5 * em - value - after))
             end = pen + 1.5 * em + width_of(name, em) + value
             if end + after > width - inset and pen > inset:
                 end, pen, row = end - pen + inset, inset, row + 1
             fits = end + after <= width - inset
             yield replace(entry, name=name, unit=unit, x=pen, end=end if fits else 0.0, row=row)
             pen = end + after + 1.6 * em
+
+    def _value_width(self, series: int) -> float:
+        """Returns the width of the widest value of a series, with the space before it [pixels]."""
+        finite = self._values[:, series][np.isfinite(self._values[:, series])]
+        extremes = [finite.min(), finite.max()] if finite.size else []
+        return 0.5 * self._em + max((width_of(self._figures(float(v)), self._em) for v in extremes), default=self._em)
 
     def _box(self, size: tuple[int, int], values: tuple[float, float], least_left: int) -> tuple[int, int, int, int]:
         """Returns the edges of the plot within the space that legend and tick labels leave."""
@@ -287,11 +296,21 @@ def _padded(values: np.ndarray) -> tuple[float, float]:
     return (low + high - 1.1 * span) / 2, (low + high + 1.1 * span) / 2
 
 
-def _shortened(name: str, em: float, room: float) -> str:
-    """Shortens `name` to the available room [pixels], dropping its first parts if necessary."""
+def _shortened(names: Sequence[str], em: float, rooms: Sequence[float]) -> Sequence[str]:
+    """Shortens each of `names` to its room [pixels], dropping its first parts if necessary.
+
+    A name that is still too long loses its end, or its middle where more of the names then differ.
+    """
+    last = [_last_parts(name, em, room) for name, room in zip(names, rooms, strict=True)]
+    cuts = [[cut(name, em, room) for name, room in zip(last, rooms, strict=True)] for cut in (fitted, fitted_ends)]
+    return max(cuts, key=lambda cut: len({*cut}))
+
+
+def _last_parts(name: str, em: float, room: float) -> str:
+    """Drops the first parts of a name that is wider than `room` [pixels]."""
     while width_of(name, em) > room and "/" in name:
         name = name.partition("/")[2]
-    return fitted(name, em, room)
+    return name
 
 
 def _colours(count: int) -> list[tuple[int, int, int]]:

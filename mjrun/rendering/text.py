@@ -88,6 +88,19 @@ def fitted(text: str, size: float, width: float) -> str:
     return ""
 
 
+def fitted_ends(text: str, size: float, width: float) -> str:
+    """Cuts out the middle of `text`, from `letters`, as `fitted` does its end."""
+    if width_of(text, size) <= width:
+        return text
+    room, start = (width / size - _advance("…")) / 2, len(text)
+    while start and _advance(text[start - 1]) <= room:
+        start -= 1
+        room -= _advance(text[start])
+    end = text[start:]
+    begin = fitted(text, size, width - width_of(end, size))
+    return begin + end if begin else fitted(text, size, width)
+
+
 def write(
     image: np.ndarray,
     text: str,

@@ -51,7 +51,7 @@ def compared(result: BenchResult) -> BenchResult:
 
 def test_a_single_point_is_lines_and_a_grid_a_table_with_its_failures(result: BenchResult, grid: BenchResult) -> None:
     lines = text(result).splitlines()
-    assert "step       1.000 s, 1.000 s to 1.000 s at 99.2%" in lines
+    assert "step       1.000 s, 1.000 s to 1.000 s at 99.2 %" in lines
     assert "speed      1.000 steps/s, 0.010 times real time" in lines
     assert any(line.startswith("load       1.000 s the first time; again: parse 1.000 s") for line in lines)
     assert max(map(len, lines)) <= 80

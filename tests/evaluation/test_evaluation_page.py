@@ -58,4 +58,10 @@ def test_two_policies_are_compared_and_parameters_listed(tmp_path: Path) -> None
     cells = PageCells(page).texts
     assert "random minus zero, over 14 pairs of episodes" in page
     assert cells[cells.index("geom/box.mass") + 1 :][:2] == ["2", "1, 2"]
+    ending = cells.index("Ending")
+    assert cells[ending : ending + 5] == ["Ending", "Policy", "Outcome", "Share", "95 % interval"]
+    comparison = cells[cells.index("Difference") : ending]
+    difference, ends = comparison[comparison.index("success") + 1 :][:2]
+    assert difference.endswith(" %")
+    assert ends.endswith(" %")
     assert "Results of zero" in page

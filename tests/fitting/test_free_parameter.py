@@ -33,6 +33,7 @@ def test_a_start_is_what_the_model_has_and_off_the_bounds(tmp_path: Path) -> Non
     assert delay.first_coordinate > 0
     assert delay.is_delay
     assert overrides([delay], [0.1]) == []
+    assert [each.unit(source.load()) for each in (damping, mass, delay)] == ["N·m·s/rad", "", "s"]
 
 
 def test_a_gain_of_a_servo_is_what_its_attribute_is(tmp_path: Path) -> None:

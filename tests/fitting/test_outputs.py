@@ -184,8 +184,8 @@ def test_logs_follow_each_other_although_their_times_overlap() -> None:
 LOGS = ("one.csv", "<two>.csv")
 RESULT = FitResult(
     parameters=[
-        FittedParameter("joint/a.damping", 0.1, 0.25, 0.2, 0.3, 900.0, ""),
-        FittedParameter("delay:ctrl/<b>", 0.0, 0.5, 0.4, 0.5, 900.0, "high"),
+        FittedParameter("joint/a.damping", 0.1, 0.25, 0.2, 0.3, 900.0, "", "N·m·s/rad"),
+        FittedParameter("delay:ctrl/<b>", 0.0, 0.5, 0.4, 0.5, 900.0, "high", "s"),
     ],
     inertias=[FittedInertia("payload", [InertiaQuantity("mass", "kg", 0.7, 1.4, 1.39, 1.42)])],
     signals=[FittedSignal("qpos/a", "rad", 0.002, 1.25, 0.5, 0.0123, None, None)],
@@ -235,11 +235,19 @@ def page(folder: Path) -> str:
 def test_all_that_was_found_is_on_a_page_that_is_complete_in_itself_and_the_same_every_time(tmp_path: Path) -> None:
     text = page(tmp_path)
     read = Reader(text)
-    for part in ("Fit of arm.xml", "0.2 … 0.3", "90 % interval", "at its high bound", "delay:ctrl/<b>", "1.39 … 1.42"):
+    for part in (
+        "Fit of arm.xml",
+        "0.2 … 0.3",
+        "90 % interval",
+        "at its high bound",
+        "delay:ctrl/<b> [s]",
+        "1.39 … 1.42",
+    ):
         assert part in read.texts
     for part in ("1.23 %", "−0.97", "a.xml:3: damping = 0.25", "3 samples are missing", "1.562"):
         assert part in read.texts
     assert "1,200 rows in 2 segments" in read.texts
+    assert "joint/a.damping [N·m·s/rad]" in read.texts
 
     assert read.tags.count("svg") == 2  # for each log, with its signals
     assert "<two>.csv: measured, predicted by the original model, and predicted by the fitted model" in read.texts

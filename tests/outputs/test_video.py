@@ -267,5 +267,5 @@ def test_depth_beyond_sixteen_bits_is_reported(tmp_path: Path) -> None:
     job = Video(
         Simulation(model, duration=0.05), f"{tmp_path}/d.mkv", size=SIZE, view="depth", style="exact", camera="c"
     )
-    with pytest.warns(MjrunWarning, match="100.00% of the pixels are at 65.535 m or beyond"):
+    with pytest.warns(MjrunWarning, match="100.00 % of the pixels are at 65.535 m or beyond"):
         job.run()

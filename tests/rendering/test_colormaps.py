@@ -268,6 +268,13 @@ def test_a_legend_shows_the_colour_of_what_it_names_as_far_as_it_fits(width: int
     assert shown[:count].all()
 
 
+def test_a_small_legend_shows_the_whole_number_of_what_it_omits(monkeypatch: pytest.MonkeyPatch) -> None:
+    lines = list[str]()
+    monkeypatch.setattr("mjrun.rendering.text.write", lambda _, line, *__: lines.append(line))
+    legend(np.full((120, 160, 3), 128, np.uint8), THINGS, colors_of(THINGS))
+    assert lines[-1] in (f"… {len(THINGS) - len(lines) + 1}{end}" for end in ("", " more"))
+
+
 def test_a_short_legend_is_complete() -> None:
     image = np.full((240, 320, 3), 128, np.uint8)
     colors = colors_of(THINGS[:3])

@@ -253,6 +253,19 @@ def test_series_without_room_for_their_names_are_counted(count: int, width: int)
     assert graph.draw(1.0).shape == (80, width, 3)
 
 
+def test_names_that_would_end_alike_are_cut_in_their_middle() -> None:
+    names = [f"{side}_shoulder_{axis}" for side in ("left", "right") for axis in ("pitch", "roll", "yaw")]
+    values = np.stack([np.sin(TIMES + k) for k in range(6)], axis=1)
+    graph = LivePlot(TIMES, values, [f"qpos/{name}" for name in names], ["rad"] * 6, (400, 100))
+    shown = [entry.name for entry in graph._entries if entry.name]
+    assert any("…" in name for name in shown)
+    assert len({*shown}) == len(shown) == 6
+    for name, cut in zip(names, shown, strict=True):
+        begin, _, end = cut.rpartition("…")
+        assert name.startswith(begin)
+        assert name.endswith(end)
+
+
 def test_graphs_under_each_other_have_one_left_edge_and_are_otherwise_as_before() -> None:
     small, large = (LivePlot(TIMES, (k * np.sin(TIMES))[:, None], ["a"], ["m"], SIZE) for k in (1.0, 123456.0))
     edges = [graph.axes.box[0] for graph in (small, large)]

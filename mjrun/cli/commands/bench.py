@@ -192,7 +192,9 @@ def single_point(result: "BenchResult") -> list[tuple[str, str]]:
     if len(result.rows) > 1 or step is None or counts is None:
         return []
 
-    interval = f"{duration(step.low)} to {duration(step.high)} at {step.confidence:.1%}" if step.confidence else ""
+    interval = (
+        f"{duration(step.low)} to {duration(step.high)} at {100 * step.confidence:.1f} %" if step.confidence else ""
+    )
     number = f"{counts.contacts:.3g} contacts, {counts.constraints:.3g} constraints"
     lines = {
         "step": f"{duration(step.median)}{' of a world' if worlds > 1 else ''}, {interval or 'no interval'}",
@@ -262,7 +264,7 @@ def sections(result: "BenchResult") -> Iterator[tuple[str, Table]]:
             yield f"threads{point}", _threads(row)
     if len(result.rows) == 1 and first.phases and first.step:
         longer = first.phases.seconds / first.step.median - 1
-        overhead = f"{longer:.0%} longer" if longer >= 0 else "no longer"
+        overhead = f"{100 * longer:.0f} % longer" if longer >= 0 else "no longer"
         yield f"phases, with timers on: they make a step {overhead}", _phase_table(first.phases)
 
     for renderer, device in dict.fromkeys((frame.renderer, frame.device) for frame in result.frames):
@@ -300,7 +302,7 @@ def _unsure(step: "SampleStatistics") -> str:
     if step.low is None or step.high is None:
         return "-"
     share = max(step.high - step.median, step.median - step.low) / step.median
-    return f"{share:.1%}" if share < 0.0995 else f"{share:.0%}"
+    return f"{100 * share:.1f} %" if share < 0.0995 else f"{100 * share:.0f} %"
 
 
 def _accuracy(accuracy: "IntegrationAccuracy") -> list[str]:
@@ -323,7 +325,7 @@ def _threads(row: "GridPointResult") -> Table:
 def _phase_table(step: "StepPhase") -> Table:
     table = [["phase", "time", "share"]]
     for _, depth, phase in phases_of(step):
-        table.append([f"{'  ' * depth}{phase.name}", duration(phase.seconds), f"{phase.share:.1%}"])
+        table.append([f"{'  ' * depth}{phase.name}", duration(phase.seconds), f"{100 * phase.share:.1f} %"])
     return table
 
 

@@ -127,7 +127,7 @@ def excitation_report(result: "ExcitationResult") -> str:
     page = TerminalReport()
     parameters, motion = result.parameters, result.motion
     columns = [
-        ReportColumn("parameter", [clean(each.path) for each in parameters]),
+        ReportColumn("parameter", [clean(each.label) for each in parameters]),
         ReportColumn("if it is", [number(each.start) for each in parameters], right=True),
         ReportColumn(
             f"expected {100 * result.confidence:g} % interval",
@@ -159,7 +159,7 @@ def _parameters(result: "FitResult") -> list[ReportColumn]:
     parameters = result.parameters
     share = f"{100 * result.confidence:g} % interval"
     return [
-        ReportColumn("parameter", [clean(each.path) for each in parameters]),
+        ReportColumn("parameter", [clean(each.label) for each in parameters]),
         ReportColumn("before", [number(each.start) for each in parameters], right=True),
         ReportColumn("fitted", [number(each.value) for each in parameters], right=True),
         ReportColumn(share, [span((each.low, each.high)) for each in parameters]),

@@ -155,7 +155,7 @@ def test_a_log_of_another_simulator_is_mapped_and_filmed(mjrun_here: Command) ->
 
 PARAMETERS = [
     FittedParameter("joint/a.damping", 0.1, 0.25, 0.2, 0.3, 900.0, ""),
-    FittedParameter("joint/a.armature", 0.1, 0.5, 0.4, 0.5, 900.0, "high"),
+    FittedParameter("joint/a.armature", 0.1, 0.5, 0.4, 0.5, 900.0, "high", "kg·m²"),
 ]
 SIGNALS = [FittedSignal("qpos/a", "rad", 0.002, 1.0, 0.5, 0.01, None, None)]
 
@@ -185,6 +185,7 @@ def test_it_says_what_was_found_and_how_well_it_is_known() -> None:
     text = report()
     for part in ("95 % interval", "0.2..0.3", "at its high bound", "-0.970", "a.xml:3: damping = 0.25", "1,200 rows"):
         assert part in text
+    assert "joint/a.armature [kg·m²]" in text
     assert "held out" not in text
 
 
