@@ -171,7 +171,7 @@ def _columns(columns: Sequence[ColumnDifference], table: TableDifference) -> lis
         ReportColumn("first step" if by_step else "first row", [_row(cell, by_step) for cell in firsts], right=True),
         ReportColumn("time", ["" if cell.at is None or by_step else repr(cell.at) for cell in firsts], "s", right=True),
         ReportColumn("a", [a for a, _ in cells], right=True),
-        ReportColumn("b", [b for _, b in cells], right=True),
+        ReportColumn("b", [b for _, b in cells], right=True, paired=True),
     ]
 
 

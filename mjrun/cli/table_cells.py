@@ -26,6 +26,7 @@ class ReportColumn:
         from the last.
       below: the continuation of each cell if its row has several lines.
       whole: never fold cells, as for paths.
+      paired: omit the column before it, too, if there is no room for this one, as for two values to compare.
     """
 
     heading: str
@@ -35,6 +36,7 @@ class ReportColumn:
     extra: bool = False
     below: Sequence[str] = ()
     whole: bool = False
+    paired: bool = False
 
 
 def number(value: float | None) -> str:

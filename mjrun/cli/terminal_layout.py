@@ -136,7 +136,9 @@ def _fitting(columns: Sequence[ReportColumn], width: int) -> tuple[list[ReportCo
     main = [column for column in filled if not column.extra]
     fitting = [*main]
     while len(fitting) > NEEDED and _total(map(_readable_width, fitting)) > width:
-        fitting.pop()
+        paired = fitting.pop().paired
+        if paired and len(fitting) > NEEDED:
+            fitting.pop()
     room = width - _total(map(_width, fitting)) if fitting == main else 0
     for column in filled:
         if column.extra and _width(column) + GAP <= room:

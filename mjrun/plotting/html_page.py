@@ -180,7 +180,10 @@ def _value(key: str, value: object) -> Markup:
             text = f"{width}x{height}"
         case _:
             text = _text(value)
-    return element("code", text, class_="command" if key == "Command" else None)
+    if key == "Command":  # a line ends between words, not after the hyphens of an option
+        parts = re.split(r"(\s+)", text)
+        return element("code", *(element("span", part) if part.strip() else part for part in parts), class_="command")
+    return element("code", text)
 
 
 def _text(value: object) -> str:
@@ -561,7 +564,7 @@ def _bytes(size: int) -> str:
 
 
 def _counted(count: int, noun: str) -> str:
-    return f"{count:,} {noun}{'' if count == 1 else 's'}".replace(",", "\u202f")
+    return f"{count:,} {noun}{'' if count == 1 else 's'}"
 
 
 class PageWriter(OutputWriter):

@@ -161,7 +161,7 @@ class PointFileMaker:
         cells = [
             VideoCell(
                 outputs[index].folder / NAMES["video"],
-                "\n".join(values_in_words(self._prepared.points.values(index))),
+                "\n".join(values_in_words(self._prepared.points.values(index), self._prepared.units)),
                 f"unstable at step {results[index].steps}" if results[index].status == "unstable" else "",
             )
             for index in points

@@ -145,7 +145,7 @@ def test_the_page_has_the_tables_of_the_report(mjrun_here: Command) -> None:
     for cell in cells[:10]:
         assert all(word in report for word in cell.split())
     assert "rk4" in cells
-    assert "mjrun bench m.xml" in text
+    assert "mjrun bench m.xml" in re.sub("</?span>", "", text)
     assert not re.search(r"<script", text)
 
 

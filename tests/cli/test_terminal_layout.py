@@ -95,6 +95,16 @@ def test_what_has_no_room_is_named_and_extra_columns_go_first(monkeypatch: pytes
     assert "c" * 10 in narrow.text()
 
 
+def test_two_values_to_compare_are_shown_both_or_neither(monkeypatch: pytest.MonkeyPatch) -> None:
+    columns = [ReportColumn(name, [name * 8], right=True) for name in "xyz"]
+    columns += [ReportColumn("a", ["3" * 8], right=True), ReportColumn("b", ["4" * 8], right=True, paired=True)]
+    for width, note in ((50, ""), (46, "  no room for a, b; --json has them")):
+        made = page(monkeypatch, width)
+        made.table("title", columns, 1)
+        assert made.text().splitlines()[-1] == note or not note
+        assert ("3" * 8 in made.text()) == ("4" * 8 in made.text()) == (not note)
+
+
 def test_a_table_that_is_cut_counts_the_rest(monkeypatch: pytest.MonkeyPatch) -> None:
     written = page(monkeypatch, 80)
     written.table("title", [ReportColumn("name", ["a", "b", "c"])], 3, shown=1, hint="ask")

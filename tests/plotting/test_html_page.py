@@ -268,7 +268,7 @@ JSON = st.recursive(
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=8), inner, max_size=3),
     max_leaves=12,
 )
-ALLOWED = {"article", "h3", "dl", "div", "dt", "dd", "code", "details", "summary", "table", "caption"}
+ALLOWED = {"article", "h3", "dl", "div", "dt", "dd", "code", "span", "details", "summary", "table", "caption"}
 ALLOWED |= {"thead", "tbody", "tr", "th", "td"}
 KEYS = st.sampled_from(["mjrun", "command", "model", "options", "result", "outputs", "seed", "<b>"])
 
@@ -297,6 +297,13 @@ def test_a_manifest_of_ours_says_what_made_it() -> None:
     for part in ("mjrun trace <b>.xml", "12ab", "mjrun 0.1.0, mujoco 4.0.0", "Wall [s]1.25", "feed", "Options (2)"):
         assert part in text
     assert "simulation.key" not in text
+
+
+def test_a_command_is_broken_between_its_words_only() -> None:
+    command = "mjrun sweep a.xml --repeats 3  --metric 'low=min(qpos/a)'"
+    page = article(FileManifest("run.json", {"command": command}))
+    assert command in read(page).text
+    assert [f"<span>{word}</span>" in page for word in command.split()] == [True] * 7
 
 
 def test_mappings_are_taken_apart_to_a_limit() -> None:

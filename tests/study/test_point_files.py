@@ -1,6 +1,7 @@
 """The choice of points whose files are kept, against pandas, and these files."""
 
 import json
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from mjrun.study import point_files
 from mjrun.study.point_files import PointFileRequest, PointSelection, keep_options, make_isolated, up_to
 from mjrun.study.status import remove_unused
 from mjrun.study.study import Study
+from mjrun.study.video_grid import VideoCell
 
 
 def outputs(ball: Simulation, folder: Path, *kinds: str, key: str = "a", **options: object) -> PointFileRequest:
@@ -127,6 +129,22 @@ def test_what_ended_processes_have_left_beside_files_of_points_is_removed(
     living.release()
     assert [kind.noun for kind in remove_unused(tmp_path / "study").kinds] == ["temporary file"]
     assert {*folder.iterdir()} == files
+
+
+@pytest.mark.gl
+def test_cells_of_a_contact_sheet_have_their_values_with_units(
+    study: dict[str, object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    captions = list[str]()
+
+    def collect(_path: str, cells: Sequence[VideoCell], *_: object) -> list[str]:
+        captions.extend(cell.caption for cell in cells)
+        return []
+
+    monkeypatch.setattr("mjrun.study.video_grid.write_contact_sheet", collect)
+    sheet = str(tmp_path / "sheet.mp4")
+    Study(**study, contact_sheet=sheet, size=(64, 48), fps=10, quality="draft").run()  # type: ignore[arg-type]
+    assert captions == ["z 0.2 m", "z 0.3 m", "z 0.4 m", "z 0.5 m"]
 
 
 def test_traces_of_an_older_simulation_are_not_those_of_the_study(study: dict[str, object], tmp_path: Path) -> None:

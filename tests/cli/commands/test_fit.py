@@ -197,11 +197,11 @@ def test_errors_on_what_was_held_out_are_shown_if_something_was() -> None:
 
 def test_inertias_are_shown_in_their_units() -> None:
     mass = InertiaQuantity("mass", "kg", 0.7, 1.4, 1.39, 1.42)
-    moment = InertiaQuantity("moment/1", "kg m²", 0.0028, 0.0028, 0.0028, 0.0028)
+    moment = InertiaQuantity("moment/1", "kg·m²", 0.0028, 0.0028, 0.0028, 0.0028)
     text = report(inertias=[FittedInertia("payload", [mass, moment])])
     assert "1.39..1.42" in text
     assert "0.0028..0.0028" not in text  # it was not looked for
-    assert "kg m²" in text
+    assert "kg·m²" in text
 
 
 def test_an_input_is_reported_with_what_to_expect_of_it() -> None:
