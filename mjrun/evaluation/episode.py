@@ -17,10 +17,12 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import InvalidActionError, MjrunError, SimulationError, flag
+from mjrun.experiment.design import SHORT_PATHS
 from mjrun.experiment.results_table import column_units, metric_columns, metric_units, parse_metrics
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.source import ModelSource
 from mjrun.model.sources.gym import GymSource
+from mjrun.model.units import setting_unit
 from mjrun.model.variants import BYTES
 from mjrun.options.policy import is_code
 from mjrun.options.simulation import NO_DISTURBANCES, Disturbances
@@ -233,6 +235,10 @@ class EpisodePlayer(ABC):
         """Returns the units of metrics that follow from those of columns, by name; empty where unknown."""
         return {}
 
+    def parameter_units(self, names: Sequence[str]) -> Mapping[str, str]:
+        """Returns the units of parameters that are settings of a model, by name; empty where unknown."""
+        return {}
+
     @abstractmethod
     def first_action(self, seed: int) -> np.ndarray:
         """Returns the action at the start of the episode of `seed`, `(nact,)`."""
@@ -323,6 +329,10 @@ class TaskPlayer(EpisodePlayer):
         self.rewards = tuple(self._worlds.reward_names)
         self.endings = list(dict.fromkeys(ending.name for ending in self._worlds.endings))
         self.can_succeed = any(ending.kind == "success" for ending in self._worlds.endings)
+
+    def parameter_units(self, names: Sequence[str]) -> Mapping[str, str]:
+        model = self._worlds.nominal_model
+        return {name: setting_unit(model, SHORT_PATHS.get(name, name)) for name in names}
 
     def first_action(self, seed: int) -> np.ndarray:
         with self._task.located():
@@ -476,6 +486,9 @@ class _MeasuringPlayer(EpisodePlayer):
     def metric_units(self) -> Mapping[str, str]:
         columns = column_units(self._model, metric_columns(self._metrics), self._episode_columns)
         return metric_units(self._named_metrics, self._metrics, columns)
+
+    def parameter_units(self, names: Sequence[str]) -> Mapping[str, str]:
+        return self._player.parameter_units(names)
 
     def first_action(self, seed: int) -> np.ndarray:
         return self._player.first_action(seed)

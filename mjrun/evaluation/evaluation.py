@@ -329,7 +329,7 @@ class EvaluationResult:
       comparison: comparison of two policies.
       names: parameters that vary.
       points: summary of each point, if something varies.
-      units: units of metrics, by name; empty where unknown.
+      units: units of parameters and metrics, by name; empty where unknown.
       videos: videos of episodes.
       assertions: requirements and whether they hold; empty while episodes are missing.
       failures: reasons of failures, the most frequent first.

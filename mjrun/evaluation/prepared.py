@@ -91,7 +91,7 @@ class PreparedEvaluation:
       groups: groups of episodes by policy, then by point.
       modules: modules of the policies that are code, for processes that load them.
       metrics: names of the metrics.
-      units: units of the metrics, by name; empty where unknown.
+      units: units of the parameters and metrics, by name; empty where unknown.
       player: player of the first group.
       criteria: requirements and thresholds.
 
@@ -113,7 +113,8 @@ class PreparedEvaluation:
             self.modules = module_sources(dict.fromkeys(each.policy for each in chosen if each.is_code))
             self._edited = edit_remarks(self.modules)
             self.metrics = [name for name, _ in plain_metrics(options.metric)]
-            self.units = {**self.player.metric_units(), **written_units(options.metric)}
+            units = {**self.player.parameter_units(self.points.names), **self.player.metric_units()}
+            self.units = {**units, **written_units(options.metric)}
             check_metric_names(
                 options.metric,
                 (*OWN, *OUTCOMES, *self.player.endings, *self.points.names, *names_beside_metrics(self.metrics)),

@@ -324,7 +324,7 @@ def episode_table(
     Args:
       points: parameters that vary; one point without values if nothing varies.
       rewards, metrics: names of terms of the reward and of metrics.
-      units: units of metrics, by name.
+      units: units of parameters and metrics, by name.
       compared: whether a column names the policy.
     """
     table = ResultsTable()
@@ -338,7 +338,7 @@ def episode_table(
         table.add_texts("policy", [group.policy for group in groups for _ in group.episodes], "who played")
     if points.names:
         table.add(POINT, where)
-    table.add_parameters(points, where)
+    table.add_parameters(points, where, units)
     order = [index for group in groups for index in range(len(group.episodes))]
     table.add(Column("episode", meaning="number of the episode", integer=True), order)
     seeds = seed_column([episode.seed for episode in episodes])
@@ -371,14 +371,14 @@ def point_table(
     The ends of intervals come last, so that they are not metrics themselves.
 
     Args:
-      units: units of metrics, by name.
+      units: units of parameters and metrics, by name.
     """
     units = {**units, LENGTH: "s"}
     measured = [measures(point.policies[0], point.comparison) for point in points]
     meanings = {name: measure.meaning for name, measure in measured[0].items()}
     table = ResultsTable()
     table.add(POINT, range(len(points)))
-    table.add_parameters(design)
+    table.add_parameters(design, units=units)
     for name in meanings:
         table.add(Column(name, units.get(name, ""), "metric"), [_number(each[name].value) for each in measured])
     table.add_texts("status", ["ok" if point.policies[0].episodes else "failed" for point in points])

@@ -10,6 +10,7 @@ import scipy
 from mjrun.errors import UnknownNameError
 from mjrun.evaluation.evaluation import Evaluation
 from mjrun.evaluation.summaries import FILES
+from mjrun.formats.study_reader import read_study
 from tests.evaluation.tasks import cart_task
 from tests.page_cells import PageCells
 from tests.study.in_process import simulate_here
@@ -58,6 +59,12 @@ def test_two_policies_are_compared_and_parameters_listed(tmp_path: Path) -> None
     cells = PageCells(page).texts
     assert "random minus zero, over 14 pairs of episodes" in page
     assert cells[cells.index("geom/box.mass") + 1 :][:2] == ["2", "1, 2"]
+    assert read_study(tmp_path / "out").units == {
+        "geom/box.mass": "kg",
+        "length": "s",
+        "length_low": "s",
+        "length_high": "s",
+    }
     ending = cells.index("Ending")
     assert cells[ending : ending + 5] == ["Ending", "Policy", "Outcome", "Share", "95 % interval"]
     comparison = cells[cells.index("Difference") : ending]

@@ -175,6 +175,8 @@ def test_units_of_metrics_are_those_beside_their_names_and_those_of_columns(tmp_
     metrics = (("late [min]", "last(time)/60"), ("far", "max(qpos/slider)"), ("twice", "2*max(qpos/slider)"))
     some = prepare(tmp_path, policy="random", metric=metrics, fail_below={"late": 1})
     assert some.units == {"late": "min", "far": "m", "twice": ""}
+    varied = prepare(tmp_path, policy="random", vary={"joint/slider.damping": "1,2", "timestep": "0.005,0.01"})
+    assert varied.units == {"joint/slider.damping": "N·s/m", "timestep": "s"}
     assert some.metrics == [name for name, _ in some.groups[0].spec.metrics] == ["late", "far", "twice"]
 
 
