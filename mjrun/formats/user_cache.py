@@ -39,10 +39,12 @@ class UserCache:
         path = self.folder / key
         try:
             digest, _, text = path.read_bytes().partition(b"\n")
-            if time.time() - path.stat().st_mtime > FRESH:
-                os.utime(path)
+            is_fresh = time.time() - path.stat().st_mtime <= FRESH
         except OSError:
             return None
+        if not is_fresh:
+            with suppress(OSError):  # in a read-only folder, or of another user
+                os.utime(path)
         return json.loads(text) if digest == _digest(text) else None
 
     def write(self, key: str, value: object) -> None:
@@ -51,8 +53,13 @@ class UserCache:
         with suppress(OSError):
             self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
             with tempfile.NamedTemporaryFile(dir=self.folder, delete=False) as file:
-                file.write(_digest(text) + b"\n" + text)
-            Path(file.name).replace(self.folder / key)
+                path = Path(file.name)
+            try:
+                path.write_bytes(_digest(text) + b"\n" + text)
+                path.replace(self.folder / key)
+            except OSError:
+                path.unlink(missing_ok=True)
+                raise
             self._has_grown = True
 
     def trim(self) -> None:

@@ -27,6 +27,7 @@ from mjrun.outputs.perform import PublishedOutput
 from mjrun.packages import installed_versions
 from mjrun.python_code import code_hash, module_sources
 from mjrun.simulation.manifest import plain
+from mjrun.version import __version__
 
 VARIABLES = ("MUJOCO_GL", "MUJOCO_EGL_DEVICE_ID", "IMAGEIO_FFMPEG_EXE")  # of the environment, which choose tools
 INCIDENTAL = ("command", "jobs")  # options that do not change an output
@@ -137,8 +138,9 @@ class UpToDateCheck:
 
     @property
     def _key(self) -> str:
-        """The name of the entry: a hash of the files that are written."""
-        return hashlib.sha256("\0".join([str(Path.cwd()), *self._outputs]).encode(errors="surrogateescape")).hexdigest()
+        """The name of the entry: a hash of the files that are written, and of the version, which decides its form."""
+        names = "\0".join([__version__, str(Path.cwd()), *self._outputs])
+        return hashlib.sha256(names.encode(errors="surrogateescape")).hexdigest()
 
     @property
     def _outputs(self) -> list[str]:

@@ -34,6 +34,25 @@ def test_damaged_entries_and_folders_that_cannot_be_written_are_no_hindrance(
     assert blocked.read("a") is None
 
 
+def test_entries_in_a_read_only_folder_are_read_however_old_they_are(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(*_: object) -> None:
+        raise PermissionError  # as for the file of another user, or in an image of a container
+
+    cache = UserCache("test")
+    cache.write("a", 1)
+    os.utime(folder / "a", (1000, 1000))
+    monkeypatch.setattr(os, "utime", refused)
+    assert cache.read("a") == 1
+
+
+def test_an_entry_that_cannot_be_stored_leaves_no_file(folder: Path) -> None:
+    (folder / "a").mkdir(parents=True)  # in the way of the entry
+    UserCache("test").write("a", 1)
+    assert [path.name for path in folder.iterdir()] == ["a"]
+
+
 def test_nothing_is_stored_for_a_user_without_a_home_folder(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv(VARIABLE)
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)

@@ -14,8 +14,9 @@ import pytest
 from mjrun import packages
 from mjrun.document.camera_and_ghost_forms import read_camera
 from mjrun.errors import UsageError
-from mjrun.formats.user_cache import VARIABLE
+from mjrun.formats.user_cache import VARIABLE, UserCache
 from mjrun.options.output import RerunOptions
+from mjrun.outputs import up_to_date_check
 from mjrun.outputs.export import Export
 from mjrun.outputs.image import Image
 from mjrun.outputs.trace import Trace
@@ -155,6 +156,20 @@ def test_other_versions_and_environments_make_outputs_again(
     assert run()[0] == f"pillow is 99 now, and was {installed('pillow')}"
     monkeypatch.setenv("MUJOCO_GL", "osmesa")
     assert run()[0] == "mjrun or its environment has changed"
+
+
+def test_records_of_another_version_may_have_another_form(
+    run: Callable[..., tuple[str, str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as other:
+        other.setattr(up_to_date_check, "__version__", "9.9")
+        run()
+    entries = UserCache("run")
+    (entry,) = entries.folder.iterdir()
+    entries.write(entry.name, ["of", "another", "form"])
+
+    assert "rows" in run()[1]
+    assert run() == ("", UP_TO_DATE)
 
 
 def test_a_failed_run_is_repeated(mjrun_here: Command) -> None:
