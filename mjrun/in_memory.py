@@ -151,10 +151,27 @@ def _in_folder(chosen: dict[str, Any], run: Callable[[str], R]) -> R:
             result = run(str(place))
         except MjrunError as error:
             for result in error.results[:1]:
-                weakref.finalize(result, stack.pop_all().close)
+                _Files(stack.pop_all()).belong_to(result)
             raise
-        weakref.finalize(result, stack.pop_all().close)
+        _Files(stack.pop_all()).belong_to(result)
     return result
+
+
+class _Files:
+    """The files of a result in memory, removed with the last of its copies; a pickle has none."""
+
+    def __init__(self, folder: ExitStack) -> None:
+        weakref.finalize(self, folder.close)
+
+    def belong_to(self, result: object) -> None:
+        """Lets `result` and its copies hold the files, although it is frozen."""
+        vars(result)["_files"] = self
+
+    def __deepcopy__(self, _: object) -> "_Files":
+        return self
+
+    def __reduce__(self) -> tuple[type[None], tuple[()]]:
+        return type(None), ()
 
 
 class _Rows:

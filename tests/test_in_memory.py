@@ -2,8 +2,10 @@
 
 import base64
 import contextlib
+import copy
 import ctypes
 import gc
+import pickle
 import re
 import subprocess
 import tempfile
@@ -199,6 +201,20 @@ def test_a_study_in_memory_has_the_numbers_of_its_folder_and_leaves_nothing(swin
     again = read_folder(str(tmp_path / "s")).run()
     assert (again.points, again.simulated) == (3, 0)
     assert again.table["far"].tolist() == kept.table["far"].tolist()
+
+
+def test_copies_of_a_study_in_memory_hold_its_files_and_a_pickle_says_that_it_has_none(swing: Path) -> None:
+    result = mjrun.sweep(swing, vary={"qvel/hinge": "1,2"}, metric={"far": "max(qpos/hinge)"}, duration=0.1, jobs=1)
+    far, pickled = result.table["far"].tolist(), pickle.dumps(result)
+    copies = [copy.copy(result), copy.deepcopy(result)]
+    del result
+    while copies:
+        assert copies.pop().table["far"].tolist() == far
+        gc.collect()
+    unpickled = pickle.loads(pickled)
+    assert unpickled.points == 2
+    with pytest.raises(FileError, match=r"has been removed or moved\nwithout output=FOLDER, files exist as long as"):
+        _ = unpickled.table
 
 
 def test_a_study_in_memory_that_fails_leaves_nothing_or_has_its_files_as_long_as_its_result(

@@ -4,6 +4,7 @@ import math
 from contextlib import suppress
 from decimal import Decimal
 from fractions import Fraction
+from pathlib import Path
 
 import pytest
 
@@ -66,9 +67,7 @@ def test_a_value_of_any_type_is_accepted_or_refused_by_name(cls: type[Options], 
     if each.attribute == "output" and cls is not mjrun.Diff:
         arguments = arguments[:1]
     required = REQUIRED.get(cls.__name__, {})
-    is_open = each.name in ("camera", "time")  # whose structures are checked when the output is made
-    values = VALUES if is_open else [*VALUES, Column(), [Column()], {"a": Column()}]
-    for value in values:
+    for value in [*VALUES, Column(), [Column()], {"a": Column()}]:
         with suppress(MjrunError):
             cls(*arguments, **{**required, each.attribute: value})
 
@@ -98,3 +97,30 @@ def test_a_model_of_no_kind_is_refused() -> None:
 def test_a_controller_is_a_function_in_python() -> None:
     with pytest.raises(BadValueError, match=r"^controller: 'pd\.py:act' is not a function .*, not its name$"):
         mjrun.Simulation("scene:pendulum", controller="pd.py:act")  # type: ignore[arg-type]
+
+
+def test_a_column_is_neither_a_camera_nor_a_time() -> None:
+    for name in ("camera", "time"):
+        with pytest.raises(BadValueError, match=rf"^{name}: .* is not a "):
+            mjrun.Image(PENDULUM, "a.png", **{name: Column()})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("name", ["qpos", "qvel", "ctrl"])
+@pytest.mark.parametrize("key", [0, None, ("hinge",)])
+def test_names_that_are_not_text_are_refused(name: str, key: object) -> None:
+    with pytest.raises(BadValueError, match=rf"^{name}: .* is not a mapping of names to numbers"):
+        mjrun.Simulation("scene:pendulum", **{name: {key: 0.1}})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("exact", [Fraction(1, 3), Decimal("0.3")])
+def test_exact_numbers_are_those_of_floats(exact: Fraction | Decimal) -> None:
+    for name in ("qpos", "qvel", "ctrl", "set"):
+        for one, other in ((exact, float(exact)), ([exact, 1], [float(exact), 1])):
+            values = [mjrun.Simulation("scene:pendulum", **{name: {"a": each}}) for each in (one, other)]  # type: ignore[arg-type]
+            assert len({repr(getattr(each, name)) for each in values}) == 1
+
+
+def test_read_table_takes_the_words_for_missing_cells(tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_text("a,b\n1,2\n")
+    with pytest.raises(BadValueError, match=r"^missing: 'zero' is not one of error, nan \(did"):
+        mjrun.read_table(tmp_path / "t.csv", missing="zero")  # type: ignore[arg-type]

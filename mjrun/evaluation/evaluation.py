@@ -39,7 +39,7 @@ from mjrun.experiment.results_table import check_runs, manifest_writer, raise_fa
 from mjrun.formats.input_file import is_file
 from mjrun.formats.local_and_remote_folders import LocalFolder, require_own_folder
 from mjrun.formats.output_writer import OutputWriter, publish_together
-from mjrun.formats.study_reader import read_results
+from mjrun.formats.study_reader import check_result_folder, read_results
 from mjrun.model.source import ModelSource
 from mjrun.options.evaluation import FAILURES, MANIFEST, EpisodeVideoOptions, EvaluationOptions
 from mjrun.options.option import options, values_of
@@ -364,8 +364,9 @@ class EvaluationResult:
         """The numbers of the episodes, a row for each: seed, return, length, terms of the reward and metrics.
 
         Raises:
-          FileError: the folder has been removed.
+          FileError: the folder has been removed or moved.
         """
+        check_result_folder(self.path)
         numbers, _, _, _, units = read_results(Path(self.path) / FILES[0])
         return Table(dict(numbers), dict(units))
 

@@ -15,7 +15,7 @@ from mjrun.formats.local_and_remote_folders import Folder, folder_at, opened_at
 from mjrun.formats.tables import input_format
 from mjrun.model.table_column import with_unit
 from mjrun.options.sweep import MANIFEST
-from mjrun.suffixes import MODELS
+from mjrun.suffixes import MODELS, is_url
 
 if TYPE_CHECKING:
     import pyarrow
@@ -194,6 +194,13 @@ def _sensitivity(path: str) -> dict[str, dict[str, dict[str, float]]]:
         for metric, parameter, value in zip(texts["metric"], texts["parameter"], values.tolist(), strict=True):
             made.setdefault(metric, {}).setdefault(index, {})[parameter] = value
     return made
+
+
+def check_result_folder(folder: str) -> None:
+    """Raises FileError if the folder of a result in Python no longer exists."""
+    if not is_url(folder) and not Path(folder).is_dir():
+        hint = "without output=FOLDER, files exist as long as the result and its copies in this process"
+        raise FileError(folder, "this folder of results has been removed or moved", hint)
 
 
 def read_results(path: str | Path) -> tuple[Numbers, Texts, list[str], Mapping[str, Any], Mapping[str, str]]:

@@ -16,7 +16,10 @@ from gymnasium.vector.utils import batch_space
 
 from mjrun.confinement.confinement import is_readable
 from mjrun.document.task import read_task
+from mjrun.errors import UnknownNameError
 from mjrun.model import state
+from mjrun.options.number_kinds import IntegerKind
+from mjrun.options.option import converted
 from mjrun.options.task import CONTROL, POSITION, TORQUE
 from mjrun.rendering.single_render import render
 from mjrun.task.action_map import ActionMap, DrivenActuator
@@ -205,6 +208,9 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         `reset(options={"reset_mask": …})` alone.
       threads: one for each core when 0.
 
+    Raises:
+      UsageError: a value is invalid, or the task does not fit its model.
+
     `reset(seed=S)` gives world i the seed S + i; a list gives a seed to each. The infos of a step contain the weighted
     terms of the reward, `reward/NAME` `(num_envs,)`, and for worlds whose episode has ended `ending` and `is_success`.
     """
@@ -216,6 +222,8 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         threads: int = 0,
     ) -> None:
+        num_envs = converted("num_envs", IntegerKind(least=1), num_envs)
+        threads = converted("threads", IntegerKind(), threads)
         self.task = task_of(task)
         self.num_envs = num_envs
         self.worlds = TaskWorlds(self.task.with_absolute_paths(), num_envs, threads)
@@ -223,7 +231,7 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.single_action_space = action_space(self.worlds)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.autoreset_mode = _autoreset_mode(autoreset_mode)
         self.metadata = {"autoreset_mode": self.autoreset_mode, "render_modes": []}
         self._generators: list[np.random.Generator | None] = [None] * num_envs
         self._over = np.zeros(num_envs, bool)
@@ -271,7 +279,6 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Takes a step in which some worlds begin their next episode instead."""
         begin, running = np.flatnonzero(self._over), np.flatnonzero(~self._over)
         rewards, (terminated, truncated) = np.zeros(self.num_envs), np.zeros((2, self.num_envs), bool)
-        self.worlds.reset([self._draw(world) for world in begin.tolist()], begin)
         infos: dict[str, Any] = {}
         if len(running):
             step = self.worlds.step(actions[running], running)
@@ -280,6 +287,8 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             terms, codes = np.zeros((len(self._rewards), self.num_envs)), np.full(self.num_envs, RUNNING)
             terms[:, running], codes[running] = step.reward_terms.T, step.codes
             infos = self._terms(terms, ~self._over) | self._endings(codes)
+        # After the step, which may refuse its actions: another one must not begin the episodes after these.
+        self.worlds.reset([self._draw(world) for world in begin.tolist()], begin)
         self._over = terminated | truncated
         return self.worlds.observations, rewards, terminated, truncated, infos
 
@@ -338,6 +347,15 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         generator = self._generators[world] or seeding.np_random(None)[0]
         self._generators[world] = generator
         return draw_seed(generator)
+
+
+def _autoreset_mode(mode: AutoresetMode | str) -> AutoresetMode:
+    """Returns a mode, or the one with this text; Gymnasium's own message has no list of them."""
+    try:
+        return AutoresetMode(mode)
+    except ValueError:
+        modes = [str(each.value) for each in AutoresetMode]
+        raise UnknownNameError("autoreset_mode", str(mode), modes, plural="modes") from None
 
 
 def make_vec(task: TaskLike, num_envs: int = 1, **options: Any) -> TaskVectorEnv:

@@ -266,6 +266,7 @@ class CameraKind(Kind[object, object]):
     """A camera as text, a document of shots, or the value of such a document."""
 
     metavar = "SPEC"
+    accepted = "a camera of the model, a rig as in 'track:hand', or shots"
 
     def __call__(self, value: object) -> object:
         match value:

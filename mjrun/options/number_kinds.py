@@ -191,6 +191,7 @@ class InstantKind(Kind[object, object]):
     """An exact time [s]; documents and Python also accept an event."""
 
     metavar = "SECONDS"
+    accepted = "a time [s], or an event"
 
     def __call__(self, value: object) -> object:
         return (

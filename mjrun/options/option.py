@@ -201,18 +201,10 @@ class Options:
 
     def __post_init__(self) -> None:
         for each in options_of(type(self)):
-            value = _without_numpy(getattr(self, each.attribute))
+            value = getattr(self, each.attribute)
             if value is each.default or (_is_empty(value) and each.default == {}):  # converted when it was declared
                 continue
-            try:
-                made = each.kind(value)
-            except InvalidValueError as error:
-                wrong = _shown(value) if error.part is None else error.part
-                raise BadValueError(mention(each.name), wrong, error.expected) from None
-            except (AttributeError, OverflowError, TypeError, ValueError) as error:
-                expected = each.kind.accepted or f"a value that this option accepts ({each.kind.metavar})"
-                raise BadValueError(mention(each.name), value, expected) from error
-            object.__setattr__(self, each.attribute, made)
+            object.__setattr__(self, each.attribute, converted(mention(each.name), each.kind, value, each.default))
         values = given_values(self)
         for path, message in (*self.conflicts(values), *self.unmet_requirements(values)):
             raise UsageError(located(message, path), path)
@@ -241,14 +233,44 @@ class Options:
                 yield (requirement.name,), requirement.message()
 
 
-def _without_numpy(value: object) -> object:
-    """Converts NumPy's numbers and arrays to Python's, also within lists and dictionaries."""
+def converted(name: str, kind: AnyKind, value: object, default: object = None) -> Any:
+    """Converts the value of an option, or of another argument, that Python code has given.
+
+    Args:
+      name: the name of the argument, as messages show it.
+      default: the value that it is compared with, to find out whether it is given.
+
+    Raises:
+      BadValueError: the kind does not accept the value.
+    """
+    try:
+        value = _plain(value)
+        made = kind(value)
+        _ = _is_set(made), _differs(made, default)  # the comparisons of later checks, which tables refuse
+    except InvalidValueError as error:
+        wrong = _shown(value) if error.part is None else error.part
+        raise BadValueError(name, wrong, error.expected) from None
+    except (AttributeError, OverflowError, TypeError, ValueError) as error:
+        expected = kind.accepted or f"a value that this option accepts ({kind.metavar})"
+        raise BadValueError(name, value, expected) from error
+    return made
+
+
+def _plain(value: object) -> object:
+    """Converts NumPy's numbers and arrays to Python's, also within lists and dictionaries.
+
+    Raises:
+      TypeError: a key of a dictionary is not text.
+    """
     if type(value).__module__ == "numpy" and hasattr(value, "tolist"):  # functions have none
         return cast("Any", value).tolist()
     if type(value) is dict:
-        return {name: _without_numpy(each) for name, each in cast("dict[object, object]", value).items()}
+        named = cast("dict[object, object]", value)
+        if not all(isinstance(name, str) for name in named):
+            raise TypeError("a name is not text")
+        return {name: _plain(each) for name, each in named.items()}
     if type(value) in (list, tuple):
-        elements = map(_without_numpy, cast("Sequence[object]", value))
+        elements = map(_plain, cast("Sequence[object]", value))
         return [*elements] if type(value) is list else (*elements,)
     return value
 
@@ -388,9 +410,13 @@ def is_given(values: Options, name: str) -> bool:
 
 
 def _is_given(each: Option, value: object) -> bool:
-    if value is None or each.default is None:
+    return _differs(value, each.default)
+
+
+def _differs(value: object, default: object) -> bool:
+    if value is None or default is None:
         return value is not None
-    return value is not each.default and value != each.default
+    return value is not default and value != default
 
 
 def _declared(home: type, cls: type[Options]) -> Iterator[Option]:

@@ -3,14 +3,17 @@
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from decimal import Decimal
+from fractions import Fraction
 from os import PathLike, fspath
-from typing import cast
+from typing import TypeVar, cast
 
 from mjrun.options.kinds import Kind, ReadingContext
 from mjrun.options.number_kinds import NUMBERS, Numbers, to_float
 from mjrun.options.schema_validation import NUMBER, TEXT, InvalidValueError, Schema, SchemaViolationCollector, check
 from mjrun.timeline import rational
 
+N = TypeVar("N")
 SETTING: Schema = {
     "anyOf": [NUMBER, TEXT, {"type": "boolean"}, {"type": "array", "items": NUMBER, "minItems": 1}],
     "expected": "a finite number, text, true or false, or a list of finite numbers",
@@ -95,10 +98,7 @@ class JointNumbersKind(NamedNumbersKind):
         return {"type": "object", "additionalProperties": numbers}
 
     def __call__(self, value: Mapping[str, float | str | Sequence[float | str]]) -> Mapping[str, Numbers]:
-        return {
-            name: tuple(map(self._number, [numbers] if isinstance(numbers, str | float | int) else numbers))
-            for name, numbers in value.items()
-        }
+        return {name: tuple(map(self._number, _sequence(numbers))) for name, numbers in value.items()}
 
     def parse(self, text: str) -> tuple[str, Numbers]:
         """Splits text into a name and its numbers."""
@@ -250,11 +250,13 @@ def setting_text(value: object) -> str:
             return str(value).lower()
         case int() | float() if abs(value) < math.inf:
             return repr(value)
+        case Fraction() | Decimal():
+            return setting_text(float(value))
         case str() if value:
             return value
         case list() | tuple():
             parts = cast("Sequence[object]", value)
-            if parts and all(type(part) in (int, float) for part in parts):
+            if parts and all(type(part) in (int, float, Fraction, Decimal) for part in parts):
                 return ",".join(map(setting_text, parts))
         case _:
             pass
@@ -269,7 +271,13 @@ def _expression(value: object) -> str:
 
 
 def _numbers(value: float | Iterable[float]) -> Numbers:
-    return tuple(map(float, value if isinstance(value, Iterable) else [value]))
+    return tuple(map(float, _sequence(value)))
+
+
+def _sequence(value: N | Iterable[N]) -> Iterable[N]:
+    """Returns several numbers unchanged, and one number, which may be text, in a list."""
+    is_one = isinstance(value, str) or not isinstance(value, Iterable)
+    return [cast("N", value)] if is_one else cast("Iterable[N]", value)
 
 
 EXPECTED = "text, a list of values, {from, to, count}, or a distribution as in {uniform: [0.3, 1]}"

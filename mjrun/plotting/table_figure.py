@@ -4,6 +4,7 @@ import re
 from collections.abc import Collection, Generator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import get_args
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import CellError, FileError, UsageError, listing, option
@@ -11,7 +12,8 @@ from mjrun.formats import table_reader
 from mjrun.formats.image_format import figure_format
 from mjrun.formats.study_reader import point_names, point_values
 from mjrun.formats.table_reader import STDIN, OpenTable, open_table
-from mjrun.options.option import options_for
+from mjrun.options.kinds import ChoiceKind
+from mjrun.options.option import converted, options_for
 from mjrun.options.plot import FigureOptions
 from mjrun.plotting.figure_data import DrawnFigure, PanelGrid
 from mjrun.plotting.figure_plan import FigurePlan, TableColumns, with_units
@@ -238,8 +240,10 @@ def read_table(
       FileError: the file does not exist or is incomplete, two of the columns have the same name or differ in length,
         or a cell is not a number; the message names the line, counted from 1, or the row, counted from 0.
       UnknownNameError: no format has this suffix, or a named column is missing.
+      BadValueError: `missing` is neither `error` nor `nan`.
       MissingExtraError: the library of the format is not installed.
     """
+    missing = converted("missing", ChoiceKind(get_args(table_reader.Missing)), missing)
     with _advised("columns"):
         read = table_reader.read_table(path, columns, missing=missing)
     return Table(read.columns, read.units)

@@ -4,6 +4,7 @@ import atexit
 import contextlib
 import threading
 from collections import OrderedDict
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -12,8 +13,10 @@ from mjrun.camera.pose import CameraPose
 from mjrun.camera.rigs.rig import MujocoCameras, compute_positions
 from mjrun.camera.script import parse_camera
 from mjrun.camera.script_poses import BoundCameraScript
-from mjrun.errors import UnknownNameError, concerning, option
-from mjrun.model.state import restore, save
+from mjrun.errors import BadValueError, UnknownNameError, UsageError, concerning, option
+from mjrun.model.state import SIZES, restore, save
+from mjrun.options.number_kinds import SizeKind
+from mjrun.options.option import converted
 from mjrun.options.rendering import VIEWS
 from mjrun.rendering.backend import BackendDetector
 from mjrun.rendering.classic import ClassicRenderer
@@ -49,13 +52,17 @@ def render(
       the background. `seg`: `(height, width)` int32, indices into `mjrun.SegmentationIds(model).legend`, -1 for none.
 
     Raises:
-      UsageError: the camera or the view is unknown, or the size is too large.
+      UsageError: an argument has the wrong type, the camera or the view is unknown, the size is invalid or too large,
+        or `data` belongs to another model.
       NoRendererError: no backend works; the message gives the packages to install.
       DrawError: OpenGL failed.
     """
     if view not in VIEWS:
-        raise UnknownNameError(option("view"), view, VIEWS, plural="views")
-    cached = _cached_renderer(model, size, visual or Visual())
+        raise UnknownNameError(option("view"), str(view), VIEWS, plural="views")
+    size = converted(option("size"), SizeKind(), size)
+    visual = Visual() if visual is None else visual
+    _check(model, data, visual)
+    cached = _cached_renderer(model, size, visual)
     state = save(model, data)
     with concerning("camera"):
         pose = cached.pose(camera, state)
@@ -65,6 +72,20 @@ def render(
     image = {"rgb": picture.rgb, "depth": picture.depth, "seg": picture.ids}[view]
     assert image is not None
     return np.array(image)
+
+
+def _check(model: Any, data: Any, visual: Any) -> None:
+    """Checks the types of the arguments, and that the state in `data` is one of `model`, or of a variant of it."""
+    if not isinstance(model, mujoco.MjModel):
+        raise BadValueError("model", model, "an MjModel; mjrun.load returns that of a file")
+    if not isinstance(data, mujoco.MjData):
+        raise BadValueError("data", data, "an MjData")
+    if not isinstance(visual, Visual):
+        raise BadValueError("visual", visual, "an mjrun.Visual")
+    for name in SIZES:
+        own, other = getattr(model, name), getattr(data.model, name)
+        if own != other:
+            raise UsageError(f"data: it belongs to another model, with {name} {other} instead of {own}")
 
 
 class _CachedRenderer:

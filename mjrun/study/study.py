@@ -35,7 +35,7 @@ from mjrun.experiment.statistics import (
 )
 from mjrun.formats.local_and_remote_folders import folder_at, require_own_folder
 from mjrun.formats.output_writer import OutputWriter, publish_together
-from mjrun.formats.study_reader import read_study, study_manifest
+from mjrun.formats.study_reader import check_result_folder, read_study, study_manifest
 from mjrun.formats.table_writer import TableWriter
 from mjrun.model.mujoco_globals import reported_warnings
 from mjrun.options.evaluation import MANIFEST as EVALUATION
@@ -368,10 +368,11 @@ class StudyResult:
         """The numbers of the points, a row for each: its parameters and metrics.
 
         Raises:
-          FileError: the folder has been removed.
+          FileError: the folder has been removed or moved.
         """
         from mjrun.plotting.table_figure import Table
 
+        check_result_folder(self.path)
         results = read_study(self.path)
         return Table(dict(results.numbers), dict(results.units))
 

@@ -16,7 +16,7 @@ import numpy as np
 from mujoco.batch import Batch
 from mujoco.batch import SimulationError as BatchError
 
-from mjrun.errors import ModelError, UsageError, clean, described_type
+from mjrun.errors import BadValueError, ModelError, UsageError, clean, described_type, option
 from mjrun.file_version import file_version
 from mjrun.model import state
 from mjrun.model.mujoco_globals import without_timers
@@ -50,6 +50,7 @@ from mjrun.task.task import Task
 from mjrun.timeline import rational
 
 Ids = Sequence[int] | np.ndarray
+LARGEST_SEED = 2**63 - 1
 
 
 class TaskStep(NamedTuple):
@@ -376,6 +377,8 @@ class TaskWorlds:
 
     def _load(self, seed: int, world: int) -> None:
         """Puts the initial state of an episode into a world, and draws its model, commands and noise."""
+        if not 0 <= seed <= LARGEST_SEED:
+            raise BadValueError(option("seed"), seed, f"a whole number from 0 to {LARGEST_SEED}")
         variant = self._each[world]
         if not self._models.is_one:
             if variant.model is not self._first:

@@ -310,3 +310,36 @@ def test_masks_and_seeds_that_do_not_fit_are_refused(tmp_path: Path) -> None:
             made.reset(options={"reset_mask": mask})
     with pytest.raises(ValueError, match="3 seeds"):
         made.reset(seed=[1, 2, 3])
+
+
+def test_values_that_do_not_fit_are_refused_by_name(tmp_path: Path) -> None:
+    task = write_cart(tmp_path)
+    for name, value in (("num_envs", "3"), ("num_envs", 1.5), ("num_envs", True), ("num_envs", None), ("threads", -1)):
+        with pytest.raises(UsageError, match=f"^{name}: '{value}' is not a whole number of at least"):
+            mjrun.gym.make_vec(task, **{name: value})  # type: ignore[arg-type]
+    with pytest.raises(UsageError, match=r"^no autoreset_mode 'SAME_STEP' \(did you mean 'SameStep'\?\)\nmodes: Next"):
+        mjrun.gym.make_vec(task, 2, autoreset_mode="SAME_STEP")
+    for env in (mjrun.gym.make(task), mjrun.gym.make_vec(task, 2)):
+        with pytest.raises(UsageError, match=r"^seed: '1180591620717411303424' is not a whole number from 0 to"):
+            env.reset(seed=2**70)
+
+
+def test_a_refused_action_of_one_world_skips_no_episode_of_another(tmp_path: Path) -> None:
+    """The next step begins the episode that it would have begun without the refused one."""
+    task = write_cart(tmp_path)
+
+    def first_after_an_end(*, refused: bool) -> np.ndarray:
+        worlds = mjrun.gym.make_vec(task, 2)
+        worlds.reset(seed=1)
+        high, over = action_space(worlds.worlds).high, np.zeros(2, bool)
+        actions = np.stack([high, 0 * high])  # which end one episode earlier
+        while not over.any():
+            _, _, terminated, truncated, _ = worlds.step(actions)
+            over = terminated | truncated
+        assert not over.all()
+        if refused:
+            with pytest.raises(ValueError, match="finite"):
+                worlds.step(np.where(over[:, None], actions, np.nan))
+        return worlds.step(actions)[0]
+
+    np.testing.assert_array_equal(first_after_an_end(refused=True), first_after_an_end(refused=False))

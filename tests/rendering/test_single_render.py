@@ -15,7 +15,7 @@ from PIL import Image
 
 import mjrun
 from mjrun.camera.script_poses import BoundCameraScript
-from mjrun.errors import DrawError, UnknownNameError, UsageError
+from mjrun.errors import BadValueError, DrawError, UnknownNameError, UsageError
 from mjrun.rendering.single_render import CACHED, CACHED_CAMERAS
 from mjrun.rendering.visual import SegmentationIds, Visual
 
@@ -209,3 +209,29 @@ def test_nothing_is_printed_when_the_interpreter_ends() -> None:
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment)
     assert (done.returncode, done.stdout, done.stderr) == (0, "(480, 640, 3) (8, 8)\n", "")
+
+
+@pytest.mark.parametrize("size", [3, None, (3,), (0, 4), (-1, 4), ("a", "b"), (1.5, 2), (8, 8, 8), "8x8"])
+def test_sizes_are_two_positive_integers(model: mujoco.MjModel, size: object) -> None:
+    with pytest.raises(BadValueError, match=r"^size: .* is not a width and a height in pixels"):
+        mjrun.render(model, moved(model), size=size)  # type: ignore[arg-type]
+
+
+def test_arguments_of_other_types_are_refused_by_name(model: mujoco.MjModel) -> None:
+    data = moved(model)
+    with pytest.raises(BadValueError, match=r"^model: 'box\.xml' is not an MjModel; mjrun\.load returns"):
+        mjrun.render("box.xml", data)  # type: ignore[arg-type]
+    with pytest.raises(BadValueError, match=r"^data: 'None' is not an MjData"):
+        mjrun.render(model, None)  # type: ignore[arg-type]
+    with pytest.raises(BadValueError, match=r"^visual: '3' is not an mjrun\.Visual"):
+        mjrun.render(model, data, visual=3)  # type: ignore[arg-type]
+    with pytest.raises(UnknownNameError, match=r"^no view '3'"):
+        mjrun.render(model, data, view=3)  # type: ignore[arg-type]
+
+
+def test_the_state_of_another_model_is_not_drawn_as_one_of_this(model: mujoco.MjModel) -> None:
+    other = mujoco.MjModel.from_xml_string("<mujoco><worldbody><body><geom size='1'/></body></worldbody></mujoco>")
+    with pytest.raises(UsageError, match=r"^data: it belongs to another model, with nq 0 instead of 7$"):
+        mjrun.render(model, mujoco.MjData(other), size=SIZE)
+    variant = copy.copy(model)
+    assert np.array_equal(mjrun.render(variant, moved(model), size=SIZE), mjrun.render(model, moved(model), size=SIZE))
