@@ -43,7 +43,7 @@ SHORTEST = 24  # rows of the shortest stretches
 GROWTH = 2
 FINE = 1e-4  # reduced χ² below which derivatives have found the motion exactly
 CONTACT_EVALUATIONS = 24  # limit of evaluations beside contacts
-MOST_PAIRS = 400  # rows of a segment from which measured states are followed to the next row
+MOST_PAIRS = 400  # about the number of rows from which measured states are followed to the next row
 OTHERS = 2  # other starts of whole segments before stretches are tried
 MODEST = 100.0  # reduced χ² below which other starts are tried, and searches that end alike confirm each other
 ALIKE = 0.01  # relative difference of the costs of two searches that end alike
@@ -211,7 +211,8 @@ class ShootingFit:
         Between neighbouring states, motions at contacts do not jump. Noise of the states biases these parameters, so
         they replace others only where whole segments fit better with them: in logs with little noise.
         """
-        pairs = [pair for segment in segments for pair in self._pairs(segment)]
+        most = MOST_PAIRS // len(segments) + 1
+        pairs = [pair for segment in segments for pair in self._pairs(segment, most)]
         known = [(pair, state) for pair in pairs if (state := self._sampled([pair])) is not None]
         whole, first = search.best.chunks, self._sampled(search.best.chunks)
         if first is None or len(known) < SHORTEST:
@@ -220,8 +221,10 @@ class ShootingFit:
         problem = self._problem(parts, start, np.concatenate(states), noise, held=True)
         end = self._run(GaussNewton(problem).minimize())
         look = self.look(whole, end.coordinates, first, noise)
-        values = np.concatenate([part.values for part in whole])
-        is_exact = bool((end.observed_noise <= least_noise(values, self._predictor.rotations)).all())
+        of_states = self._starting.of_states
+        left = np.concatenate(list(end.residuals))[:, of_states] * noise[of_states]
+        least = least_noise(np.concatenate([part.values for part in whole]), self._predictor.rotations)[of_states]
+        is_exact = bool((np.sqrt((left**2).mean(axis=0)) <= least).all())
         if not is_exact and look.cost >= search.best.cost:
             return
         search.ways.append("steps from each measured state to the next")
@@ -233,12 +236,15 @@ class ShootingFit:
         else:
             search.best = self.solve(whole, end.coordinates, first, noise)
 
-    def _pairs(self, segment: LogSegment) -> list[Chunk]:
-        """Returns chunks of two consecutive rows, at most about `MOST_PAIRS`."""
+    def _pairs(self, segment: LogSegment, most: int) -> list[Chunk]:
+        """Returns chunks of two rows, at most twice `most`, without signals of force, which jump even between these."""
+        shown, of_states = np.full_like(segment.values, np.nan), self._starting.of_states
+        shown[:, of_states] = segment.values[:, of_states]
+        segment = replace(segment, values=shown)
         steps = segment.steps(self._predictor.timestep)
         firsts = np.round(steps).astype(int).tolist()
         count = len(steps) - 1
-        rows = range(0, count, max(count // MOST_PAIRS, 1))
+        rows = range(0, count, max(count // most, 1))
         return [Chunk(segment, slice(i, i + 2), firsts[i], steps[i : i + 2] - firsts[i]) for i in rows]
 
     def _sampled(self, parts: Sequence[Chunk]) -> Floats | None:

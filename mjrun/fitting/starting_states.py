@@ -30,6 +30,7 @@ class StateGuesses:
 
     Attributes:
       start: the argument.
+      of_states: indices of the signals that measure positions and velocities.
       all_measured: whether measurements determine all positions and velocities, and the model has no activations.
     """
 
@@ -40,6 +41,7 @@ class StateGuesses:
         self._noise = np.zeros(len(signals)) if noise is None else noise
         self._qpos = measured_positions(model, signals)
         self._qvel = _places(model, "qvel", signals, JOINTVEL)
+        self.of_states = sorted({*self._qpos.values(), *self._qvel.values()})
         self._rates = self._rates_of_positions()
         self._turning = self._measured_rotations()
         velocities = {*self._rates, *self._qvel, *(first + k for first in self._turning.values() for k in range(3))}

@@ -11,6 +11,7 @@ from mjrun.fitting.gauss_newton import EXPLAINED, GaussNewton
 from mjrun.fitting.information import intervals
 from mjrun.fitting.measurements import LogSegment, first_noise
 from mjrun.fitting.shooting_problem import together, with_noise
+from mjrun.model.names import control_names
 from mjrun.probe.fields import field_probe
 from tests.fitting.box import FRICTION, RATES, SIGNALS, box_shooting, exact_box_log, write_box
 from tests.fitting.cart import TRUTH as CART_TRUTH
@@ -70,21 +71,43 @@ def test_logs_without_noise_give_exact_parameters_despite_impacts(
     assert fitted(path, free, signals, log) == pytest.approx(FRICTION, rel=1e-8)
 
 
-def test_an_exact_log_gives_exact_parameters_although_rounding_makes_the_motion_jump(tmp_path: Path) -> None:
-    """A bat at a pole, by a bare loop: the last digits of its damping decide how it touches the pole."""
-    text, path = (SCENES / "pinata.xml").read_text(), tmp_path / "other.xml"
-    path.write_text(text.replace('damping="1"', 'damping="3"'))
-    model, times, rows = mujoco.MjModel.from_xml_string(text), list[float](), list[np.ndarray]()
-    data, controls = mujoco.MjData(model), np.random.default_rng(0).normal(0, 0.1, (500, 1))
+@pytest.mark.parametrize(
+    ("scene", "fields", "old", "new", "free", "truth"),
+    [
+        # The last digits of the damping of a bat decide how it touches a pole.
+        ("pinata", ("qpos", "qvel"), 'damping="1"', 'damping="3"', ("joint/swing.damping", "log:0.05..20"), 1.0),
+        # Sensors of force jump even between neighbouring states.
+        (
+            "humanoid",
+            ("qpos", "qvel", "sensordata"),
+            'damping=".8"',
+            'damping="2"',
+            ("scale:joint/*.damping", "0.1..2"),
+            0.4,
+        ),
+    ],
+)
+def test_exact_logs_of_scenes_give_exact_parameters(
+    tmp_path: Path, scene: str, fields: tuple[str, ...], old: str, new: str, free: tuple[str, str], truth: float
+) -> None:
+    """By a bare loop, with noise on all controls."""
+    text, path = (SCENES / f"{scene}.xml").read_text(), tmp_path / "other.xml"
+    path.write_text(text.replace(old, new))
+    model = mujoco.MjModel.from_xml_string(text)
+    data, instant = mujoco.MjData(model), mujoco.MjData(model)
+    times, rows = list[float](), list[np.ndarray]()
+    controls = np.random.default_rng(0).normal(0, 0.1, (300, model.nu))
     for control in controls:
-        times.append(data.time)
-        rows.append(np.concatenate([data.qpos, data.qvel]))
         data.ctrl[:] = control
+        mujoco.mj_copyData(instant, model, data)
+        mujoco.mj_forward(model, instant)
+        times.append(data.time)
+        rows.append(np.concatenate([getattr(instant, field) for field in fields]))
         mujoco.mj_step(model, data)
-    signals = [probe.name for field in ("qpos", "qvel") for probe in field_probe(model, field).columns]
+    signals = [column.name for field in fields for column in field_probe(model, field).columns]
     log = LogSegment("log", np.array(times), np.array(rows), controls)
-    free = ("joint/swing.damping", "log:0.05..20")
-    assert fitted(path, free, signals, log, ["ctrl/my_motor"]) == pytest.approx(1, rel=1e-8)
+    commands = [f"ctrl/{name}" for name in control_names(model)]
+    assert fitted(path, free, signals, log, commands) == pytest.approx(truth, rel=1e-6)
 
 
 @pytest.mark.slow
