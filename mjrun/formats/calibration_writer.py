@@ -229,7 +229,7 @@ def _ros(entry: CalibrationEntry) -> str:
 FORMATS = {
     "mjrun": CalibrationFormat(
         _mjrun,
-        '{"format": "mjrun calibration", "version": 1, "axes": "opencv", "pixel_center": 0.5, "pictures": [\n',
+        '{"format": "mjrun calibration", "version": 1, "axes": "opencv", "pixel_center": 0.5, "frames": [\n',
         "\n]}\n",
         perspective=False,
     ),

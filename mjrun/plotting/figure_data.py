@@ -312,7 +312,10 @@ class ParameterAxis:
 def scale(
     name: str, values: np.ndarray, *, log: bool = False, categories: Sequence[str] = (), edge: float
 ) -> ParameterAxis:
-    """Returns the axis with a margin for all finite `values`; equal values are centred."""
+    """Returns the axis with a margin for all finite `values`.
+
+    Equal values are centred, except that all 0 and all 1, which shares often are, have an axis from 0 to 1.
+    """
     if categories:
         return ParameterAxis(name, -0.5, len(categories) - 0.5, categories=categories)
     finite = values[np.isfinite(values) & ((values > 0) | (not log))]
@@ -322,7 +325,10 @@ def scale(
     if log:
         return ParameterAxis(name, *_log_ends(low, high, edge), True, whole=whole)
     largest = max(abs(low), abs(high))
-    pad = edge * (high - low) if high - low > FLAT * largest else 0.1 * largest or 1.0
+    is_constant = high - low <= FLAT * largest
+    if is_constant and low in (0, 1):
+        low, high, is_constant = 0.0, 1.0, False
+    pad = 0.1 * largest if is_constant else edge * (high - low)
     return ParameterAxis(name, low - pad, high + pad, whole=whole)
 
 

@@ -73,6 +73,36 @@ def value_labels(values: Sequence[float]) -> list[str]:
     return labels
 
 
+def cell_labels(values: Sequence[float], digits: int, *, log: bool) -> list[str]:
+    """Returns labels of values that are compared with one another, all with as many digits: `2.938`, `2.180`.
+
+    Args:
+      digits: maximum number of significant digits of the largest value.
+      log: whether values differ by factors. Then they have equally many significant digits rather than decimals, as
+        have values that would round to zero.
+    """
+    largest = max(map(abs, values), default=0.0)
+    if not largest:
+        return ["0" for _ in values]
+    power = math.floor(math.log10(largest))
+    shared = 0 if _PLAIN[0] <= largest < _PLAIN[1] else power
+    most = max(0, digits - 1 - power + shared)
+    scaled = [round(value / 10.0**shared, most) for value in values]
+    if log or any(value and not rounded for value, rounded in zip(values, scaled, strict=True)):
+        return _significant_labels([float(f"{value:.{digits}g}") for value in values], digits)
+    decimals = next(each for each in range(most + 1) if [round(value, each) for value in scaled] == scaled)
+    return [_label(value, shared, decimals) for value in values]
+
+
+def _significant_labels(values: Sequence[float], most: int) -> list[str]:
+    """Returns labels with equally many significant digits: the fewest that show values of `most` digits at most."""
+    digits = next(each for each in range(1, most + 1) if all(float(f"{value:.{each}g}") == value for value in values))
+    if all(not value or -5 < _power(abs(value)) < 6 for value in values):
+        places = [digits - 1 - _power(abs(value)) if value else 0 for value in values]
+        return [_signed(f"{value:.{max(0, place)}f}") for value, place in zip(values, places, strict=True)]
+    return [_short(value, digits, is_even=True) for value in values]
+
+
 def _is_narrow(low: float, high: float) -> bool:
     """Returns whether a logarithmic axis has a decade at most, over which evenly spaced ticks read better."""
     return high < 8 * low
@@ -102,8 +132,10 @@ def _raised(power: int) -> str:
     return str(power).translate(_RAISED)
 
 
-def _short(value: float, digits: int) -> str:
-    factor, e, power = f"{value:.{digits}g}".partition("e")
+def _short(value: float, digits: int, *, is_even: bool = False) -> str:
+    """Returns a label of at most `digits` significant digits, or of exactly as many if `is_even`."""
+    factor, e, power = f"{value:{'#' if is_even else ''}.{digits}g}".partition("e")
+    factor = factor.removesuffix(".")
     if not e:
         return _signed(factor)
     return ("" if factor == "1" else f"{_signed(factor)}×") + f"10{_raised(int(power))}"

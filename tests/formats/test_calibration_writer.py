@@ -47,16 +47,16 @@ def test_our_own_file_says_all_of_a_lens_to_the_last_bit(tmp_path: Path) -> None
     document = json.loads(written(tmp_path, "mjrun", exposures))
     assert document["axes"] == "opencv"
     assert document["pixel_center"] == 0.5
-    assert len(document["pictures"]) == 3
-    for entry, exposure in zip(document["pictures"], exposures, strict=True):
+    assert len(document["frames"]) == 3
+    for entry, exposure in zip(document["frames"], exposures, strict=True):
         lens = exposure.lens
         (fx, _, cx), (_, fy, cy), _ = entry["K"]
         assert (entry["camera"], entry["frame"], entry["time"]) == (exposure.camera, exposure.frame, exposure.time)
         assert (*entry["size"], fx, fy, cx, cy) == (*lens.size, lens.fx, lens.fy, lens.cx, lens.cy)
         assert np.array_equal(entry["world_from_camera"], lens.pose)
         assert (entry["near"], entry["far"], entry["perspective"]) == (lens.near, lens.far, lens.perspective)
-    assert document["pictures"][0]["file"] == "frames/000000.png"
-    assert "file" not in document["pictures"][2]
+    assert document["frames"][0]["file"] == "frames/000000.png"
+    assert "file" not in document["frames"][2]
 
 
 def test_nerfstudio_s_cameras_look_along_minus_z_at_pixels_with_centres_at_a_half(tmp_path: Path) -> None:
@@ -116,7 +116,7 @@ def test_any_name_of_a_camera_is_text(tmp_path: Path, name: str) -> None:
     ros = yaml.safe_load(written(tmp_path, "ros", [exposure]))["camera_name"]
     assert isinstance(ros, str)
     assert ros.replace("_", "a").isalnum()
-    assert json.loads(written(tmp_path, "mjrun", [exposure], "ours"))["pictures"][0]["camera"] == name
+    assert json.loads(written(tmp_path, "mjrun", [exposure], "ours"))["frames"][0]["camera"] == name
 
 
 @pytest.mark.parametrize("format", ["nerfstudio", "bop", "ros"])

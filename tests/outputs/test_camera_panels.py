@@ -169,7 +169,7 @@ def test_projected_corners_of_a_box_land_on_its_pixels(swing: Path, tmp_path: Pa
     ids = np.load(tmp_path / "s.npy")
     labels = json.loads((tmp_path / "s.labels.json").read_text())["labels"]
     box = next(label["id"] for label in labels if label["name"] == "box" and label["type"] == "geom")
-    (entry,) = json.loads((tmp_path / "c.json").read_text())["pictures"]
+    (entry,) = json.loads((tmp_path / "c.json").read_text())["frames"]
     model = mujoco.MjModel.from_xml_path(str(swing))
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data, nstep=150)
@@ -199,7 +199,7 @@ def test_a_video_s_calibration_is_what_its_frames_were_drawn_through(
         calibration=f"{tmp_path}/c.json",
     )
     video.run()
-    entries = json.loads((tmp_path / "c.json").read_text())["pictures"]
+    entries = json.loads((tmp_path / "c.json").read_text())["frames"]
     assert [(entry["camera"], entry["frame"], entry["time"]) for entry in entries] == [
         (camera, k, k / 20) for k in range(4) for camera in ("side", orbit.partition(",")[0])
     ]
@@ -238,7 +238,7 @@ def test_every_pixel_shows_what_mj_ray_meets_through_it(swing: Path, tmp_path: P
     simulation = Simulation(swing)
     Image(simulation, f"{tmp_path}/v.npy", time=0.3, view=["seg", "depth"], separate=True, **options).run()  # type: ignore[arg-type]
     ids, depth = (np.load(tmp_path / f"v-{view}.npy") for view in ("seg", "depth"))
-    entry = json.loads((tmp_path / "c.json").read_text())["pictures"][0]
+    entry = json.loads((tmp_path / "c.json").read_text())["frames"][0]
     matrix, world = np.array(entry["K"]), np.array(entry["world_from_camera"])
     model = mujoco.MjModel.from_xml_path(str(swing))
     data = mujoco.MjData(model)
@@ -272,7 +272,7 @@ def test_cameras_are_named_apart_in_calibrations(tmp_path: Path) -> None:
         calibration=f"{tmp_path}/c.json",
         stage="none",
     ).run()
-    entries = json.loads((tmp_path / "c.json").read_text())["pictures"]
+    entries = json.loads((tmp_path / "c.json").read_text())["frames"]
     assert [entry["camera"] for entry in entries] == [*chosen[:4], "free:azimuth=10"]
     assert [entry["world_from_camera"][2][3] for entry in entries[:2]] == [1, 2]
 
@@ -283,7 +283,7 @@ def test_cameras_are_named_apart_in_calibrations(tmp_path: Path) -> None:
 )
 def test_a_calibration_names_the_files_that_are_written(swing: Path, tmp_path: Path, make: type, name: str) -> None:
     make(Simulation(swing, duration=0.1), f"{tmp_path}/{name}", size=(32, 24), calibration=f"{tmp_path}/c.json").run()
-    entries = json.loads((tmp_path / "c.json").read_text())["pictures"]
+    entries = json.loads((tmp_path / "c.json").read_text())["frames"]
     written = sorted(str(path.relative_to(tmp_path)) for path in tmp_path.glob("**/*.png"))
     assert [entry["file"] for entry in entries] == written
 
@@ -304,7 +304,7 @@ def test_a_calibration_names_the_file_of_each_frame_as_seen_from_its_folder(
     with calibration.writer as writer:
         calibration.write([pose], 3, 0.25)
         writer.publish()
-    (entry,) = json.loads((tmp_path / "c/c.json").read_text())["pictures"]
+    (entry,) = json.loads((tmp_path / "c/c.json").read_text())["frames"]
     assert (entry["camera"], entry["frame"], entry["time"]) == ("side", 3, 0.25)
     assert (entry.get("file") or "") == file
     # The pose is MuJoCo's own, and its axes x right, y down, z forward.

@@ -56,7 +56,7 @@ def test_a_range_is_that_of_the_values_and_a_little_more(values: tuple[float, ..
     assert high - low < 1.2 * (most - least)
 
 
-@pytest.mark.parametrize("value", [0.0, 87.356, -1e-9, 1e300])
+@pytest.mark.parametrize("value", [0.95, 87.356, -1e-9, 1e300])
 @pytest.mark.parametrize("log", [False, True])
 def test_a_constant_is_in_the_middle(value: float, log: bool) -> None:
     if log and value <= 0:
@@ -65,6 +65,14 @@ def test_a_constant_is_in_the_middle(value: float, log: bool) -> None:
     assert low < value < high
     middle = np.sqrt(low) * np.sqrt(high) if log else low / 2 + high / 2
     assert np.isclose(middle, value)
+
+
+@pytest.mark.parametrize("value", [0.0, 1.0])
+def test_a_constant_that_may_be_a_share_has_an_axis_of_shares(value: float) -> None:
+    axis = scale("success", np.array([value, value, np.nan]), edge=0.0)
+    assert (axis.low, axis.high) == (0, 1)
+    low, high = y_range(panel(value, value))
+    assert (low, high) == pytest.approx((-0.06, 1.06))
 
 
 def test_marks_are_within_the_range() -> None:

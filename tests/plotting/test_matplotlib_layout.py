@@ -15,7 +15,15 @@ from mjrun.options.plot import STYLES
 from mjrun.plotting.figure_data import PanelGrid, panel_grid
 from mjrun.plotting.matplotlib_layout import LONGEST, MatplotlibFigure, settings
 from mjrun.plotting.theme import PATTERNS, THEMES, Theme, adaptive, theme_style
-from mjrun.plotting.tick_labels import labels_of, linear_ticks, log_label, log_ticks, tick_labels, value_labels
+from mjrun.plotting.tick_labels import (
+    cell_labels,
+    labels_of,
+    linear_ticks,
+    log_label,
+    log_ticks,
+    tick_labels,
+    value_labels,
+)
 
 LIGHT, GRID = THEMES["light"], PanelGrid((400, 200), 1, 1, 12.0)
 
@@ -146,6 +154,24 @@ def test_labels_of_values_have_the_digits_that_tell_them_apart() -> None:
     assert value_labels([1.0001, 1.0002]) == ["1.0001", "1.0002"]
     assert value_labels([1e-6, 2e9]) == ["10⁻⁶", "2×10⁹"]
     assert value_labels([]) == []
+
+
+@pytest.mark.parametrize(
+    ("values", "log", "labels"),
+    [
+        ([2.9379, 2.18], False, ["2.938", "2.180"]),
+        ([1, 3, 12], False, ["1", "3", "12"]),
+        ([0.5, 1, -0.25, 0], False, ["0.50", "1.00", "−0.25", "0"]),
+        ([2e-6, 2.5e-6], False, ["2.0×10⁻⁶", "2.5×10⁻⁶"]),
+        ([1234.5, 12.3], False, ["1234", "12"]),
+        ([1234.0, 0.25], False, ["1234", "0.2500"]),
+        ([0.001, 0.0316228, 1], True, ["0.001000", "0.03162", "1.000"]),
+        ([0.001, 0.1, 10], True, ["0.001", "0.1", "10"]),
+        ([0, 0], False, ["0", "0"]),
+    ],
+)
+def test_all_labels_of_cells_have_as_many_digits(values: list[float], log: bool, labels: list[str]) -> None:
+    assert cell_labels(values, 4, log=log) == labels
 
 
 def test_every_style_has_a_theme() -> None:

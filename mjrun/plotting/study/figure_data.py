@@ -1,6 +1,7 @@
 """The data of a study's figure: its panels, as numbers."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -8,6 +9,7 @@ from mjrun.dataclass import dataclass
 from mjrun.plotting.curve_syntax import ReferenceLine
 from mjrun.plotting.figure_data import PanelGrid, ParameterAxis, are_whole, panel_grid, scale
 
+CLOSE = 0.004  # distance of coinciding curves, as a share of the axis
 CELLS = 8  # maximum number of cells in a row that are all labelled
 EDGE = 0.04  # margin at the ends of an axis, as a share of its range
 
@@ -32,6 +34,7 @@ class Series:
       dots: whether each value is marked.
       colour: index in the palette.
       opacity: opacity of the line.
+      turn: place among the curves that coincide, and their number: their dashes alternate along one line.
     """
 
     name: str
@@ -42,6 +45,7 @@ class Series:
     dots: bool = True
     colour: int = 0
     opacity: float = 1.0
+    turn: tuple[int, int] = (0, 1)
 
 
 @dataclass(frozen=True)
@@ -160,6 +164,33 @@ class DrawnStudyFigure:
     columns: int | None = None
     above: ParallelCoordinatesPanel | None = None
     legend_title: str = ""
+
+
+def in_turn(series: Sequence[Series], y: ParameterAxis) -> list[Series]:
+    """Returns named lines with their place among those that coincide with them over most of their values."""
+    groups = list[list[int]]()
+    for index, each in enumerate(series):
+        if not (each.joined and each.name):
+            continue
+        group = next((group for group in groups if _coincide(series[group[0]], each, y)), None)
+        if group is None:
+            groups.append([index])
+        else:
+            group.append(index)
+    turns = {index: (place, len(group)) for group in groups for place, index in enumerate(group)}
+    return [replace(each, turn=turns.get(index, each.turn)) for index, each in enumerate(series)]
+
+
+def _coincide(a: Series, b: Series, y: ParameterAxis) -> bool:
+    """Returns whether two lines are one to the eye at more than half of the values that they share."""
+    if not (len(a.x) and len(b.x)):
+        return False
+    ends = max(a.x[0], b.x[0]), min(a.x[-1], b.x[-1])
+    shared = (a.x >= ends[0]) & (a.x <= ends[1])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        distances = np.abs(y.shares(a.y[shared]) - y.shares(np.interp(a.x[shared], b.x, b.y)))
+    distances = distances[np.isfinite(distances)]
+    return len(distances) > 0 and bool(2 * np.count_nonzero(distances < CLOSE) > len(distances))
 
 
 def cell_scale(name: str, levels: np.ndarray, labels: Sequence[str]) -> ParameterAxis:

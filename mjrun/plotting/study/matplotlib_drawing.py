@@ -36,7 +36,7 @@ from mjrun.plotting.study.figure_data import (
     SensitivityPanel,
     Series,
 )
-from mjrun.plotting.tick_labels import value_labels
+from mjrun.plotting.tick_labels import cell_labels
 
 UPPER = 1.25  # height of parallel coordinates, in rows of panels
 NAMES = 0.3  # maximum share of the figure for names of parameters
@@ -46,13 +46,14 @@ FALLING = 0.1  # negative rank correlation from which a ring is on the side of i
 THICK = 0.62  # height of a bar, as a share of its row
 OPACITIES = (0.16, 0.26)  # of the bands, from wide to narrow, where they add up
 BANDS = ("5–95 %", "25–75 %")
+TURN = 5  # length of the dashes of coinciding curves, in widths of the line
 RUG = 0.55  # height of a mark at the bottom [em]
 MANY = 400  # number of dots above which they are drawn faintly
 COLOUR_MAP = "viridis"  # perceptually uniform
 BAR, GAP = 0.8, 0.7  # width of a colour bar, and gap before it [em]
 METRIC = 10  # maximum width of a metric's name above its colour bar [em]
 WRITTEN = 100  # maximum number of cells of a heat map with their values
-DIGITS = "{:.4g}"  # of these values
+DIGITS = 4  # maximum number of significant digits of these values
 VECTORS = 4000  # number of cells above which an svg or a pdf stores them as an image
 
 
@@ -164,7 +165,8 @@ def _dot(canvas: MatplotlibFigure) -> Line2D:
 def _draw_rank_bars(canvas: MatplotlibFigure, panel: SensitivityPanel, axes: Axes, *, named: bool) -> None:
     """Draws rank correlations as bars, each with its number on the other side of zero, which is always free.
 
-    Indices of sensitivity are bars to the right, apart from errors of estimates.
+    Indices of sensitivity are bars to the right, apart from errors of estimates: their numbers are a column beside
+    the names, since intervals may reach to either side of zero.
     """
     theme, em = canvas.theme, canvas.em
     rows, values = np.arange(len(panel.parameters)), np.nan_to_num(panel.correlations)
@@ -182,22 +184,18 @@ def _draw_rank_bars(canvas: MatplotlibFigure, panel: SensitivityPanel, axes: Axe
     dots.set_data(np.where(falls, -panel.dependences, panel.dependences), rows)  # NaN has none
     axes.add_line(dots)
     _draw_intervals(canvas, panel, axes)
-    lows = (
-        np.zeros(len(rows))
-        if panel.intervals is None
-        else np.minimum(np.nan_to_num(panel.intervals).min(axis=(0, 2)), 0)
-    )
     for row, value in enumerate(panel.correlations.tolist()):
         is_zero = panel.ends is not None and abs(value) < NEGLIGIBLE * panel.ends[1]
         written = f"{value:+.2f}" if panel.ends is None else f"{0 if is_zero else value:.2g}"
         text = "–" if np.isnan(value) else written.replace("-", "−")
-        is_left = value < 0 and panel.ends is None
+        is_right = value < 0 or panel.ends is not None
         axes.annotate(
             text,
-            (lows[row], row),
-            xytext=((0.3 if is_left else -0.3) * em * POINT, 0),
+            (0, row),
+            xycoords="data" if panel.ends is None else axes.get_yaxis_transform(),
+            xytext=((0.3 if is_right else -0.3) * em * POINT, 0),
             textcoords="offset points",
-            ha="left" if is_left else "right",
+            ha="left" if is_right else "right",
             va="center_baseline",
             color=rgb(theme.grey),
             fontsize=0.85 * SMALL * em * POINT,
@@ -293,6 +291,9 @@ def _series(canvas: MatplotlibFigure, axes: Axes, series: Series) -> None:
         for band, opacity in zip(series.bands, OPACITIES, strict=False):
             axes.fill_between(series.x, band.low, band.high, color=colour, alpha=opacity, linewidth=0)
         line = curve_line(canvas.theme, series.colour, opacity=series.opacity)
+        place, count = series.turn
+        if count > 1:
+            line.set_linestyle((-place * TURN, (TURN, (count - 1) * TURN)))
         line.set_data(series.x, series.y)
         axes.add_line(line)
     else:
@@ -346,7 +347,8 @@ def _write_values(canvas: MatplotlibFigure, panel: HeatmapPanel, axes: Axes) -> 
     known = np.argwhere(np.isfinite(panel.values)).tolist()
     if not known:
         return
-    labels = value_labels([float(DIGITS.format(panel.values[row, column])) for row, column in known])
+    written = [float(panel.values[row, column]) for row, column in known]
+    labels = cell_labels(written, DIGITS, log=panel.colours.log)
     if max(canvas.measure(label, size) for label in labels) > box.width / columns - size:
         return
     norm, colours = _norm(panel.colours), colormaps[COLOUR_MAP]

@@ -36,6 +36,7 @@ from mjrun.plotting.study.figure_data import (
     SensitivityPanel,
     Series,
     StudyPanel,
+    in_turn,
     spans_decades,
 )
 from mjrun.plotting.study.statistics import (
@@ -257,7 +258,15 @@ class StudyFigurePlan:
         index = next(number for number, each in enumerate(self._metrics) if each is metric)
         marks = [mark for mark in self._marks if mark.vertical or mark.panel in (None, index + 1)]
         y = self._y_axis(index, metric.name, drawn, marks, log=metric.log)
-        return GraphPanel(x, y, series, self._failures(failures), marks, self._ylabels.get(index, ""))
+        label = self._ylabels.get(index, "")
+        return GraphPanel(x, y, self._in_turn(series, y), self._failures(failures), marks, label)
+
+    def _in_turn(self, series: Sequence[Series], y: ParameterAxis) -> list[Series]:
+        """Gives curves that coincide alternating dashes, and notes their names."""
+        drawn = in_turn(series, y)
+        if hidden := [each.name for each in drawn if each.turn[1] > 1]:
+            self.notes.append(f"{y.name}: curves coincide, and their dashes alternate: {listing(hidden)}")
+        return drawn
 
     def _y_axis(
         self, index: int, name: str, drawn: np.ndarray, marks: Sequence[ReferenceLine], *, log: bool
@@ -286,7 +295,8 @@ class StudyFigurePlan:
                 marks += [mark for mark in self._marks if mark.vertical]
                 x = self._with_options(scale(x.name, each.times, log=self._log_x, edge=0.0))
             y = self._y_axis(index, each.name, each.values, marks, log=index in self._log_y)
-            panels.append(GraphPanel(x, y, each.series, (), marks, self._ylabels.get(index, "")))
+            series = self._in_turn(each.series, y)
+            panels.append(GraphPanel(x, y, series, (), marks, self._ylabels.get(index, "")))
         return panels
 
     def _graph(self, x: Parameter, axis: ParameterAxis, metric: MetricValues, lines: Parameter | None) -> GraphPanel:

@@ -40,7 +40,7 @@ def test_a_trail_is_drawn_where_its_object_has_been(swing: Path, tmp_path: Path)
     Image(simulation, str(trailed), trail=["ball"], **options).run()  # type: ignore[arg-type]
     changed = (np.array(Pillow.open(plain)) != np.array(Pillow.open(trailed))).any(axis=2)
     rows, columns = np.nonzero(changed)
-    (entry,) = json.loads((tmp_path / "c.json").read_text())["pictures"]
+    (entry,) = json.loads((tmp_path / "c.json").read_text())["frames"]
     stepper = simulation.stepper(simulation.load())
     path = []
     for step in range(101):

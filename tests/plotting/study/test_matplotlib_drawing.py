@@ -20,6 +20,7 @@ from mjrun.plotting.study.figure_data import (
     QuantileBand,
     SensitivityPanel,
     Series,
+    in_turn,
     study_grid,
 )
 from mjrun.plotting.study.matplotlib_drawing import BANDS as BAND_NAMES
@@ -110,6 +111,14 @@ def test_a_curve_its_bands_and_failures_are_where_they_should_be() -> None:
     assert rugs == [[2, 2], [1]]
 
 
+def test_every_one_of_coinciding_lines_is_visible() -> None:
+    series = [Series(f"line {i}", X, Y, dots=False, colour=i) for i in range(3)]
+    panel = GraphPanel(MASS, Z, in_turn(series, Z), [])
+    pixels = figure(DrawnStudyFigure("", [panel]))[1][100:].reshape(-1, 3)  # below the key
+    shown = [np.count_nonzero((pixels == THEMES["light"].colour(i)).all(axis=1)) for i in range(3)]
+    assert min(shown) > 0.5 * max(shown)
+
+
 def test_categories_are_dots_with_lines() -> None:
     axis = ParameterAxis("model", -0.5, 2.5, categories=("a", "b", "c"))
     (axes,) = figure(DrawnStudyFigure("", [GraphPanel(axis, Z, [Series("", X, Y, BANDS, joined=False)], [])]))[0].axes
@@ -182,7 +191,7 @@ def test_bars_are_as_long_as_correlations_and_say_so_at_the_other_side() -> None
     assert high.x1 < zero < low.x0
 
 
-def test_intervals_are_lines_of_their_length_and_numbers_stand_left_of_them() -> None:
+def test_intervals_are_lines_of_their_length_and_numbers_are_a_column_beside_the_names() -> None:
     from matplotlib.collections import LineCollection
 
     intervals = np.array([[[-0.2, 0.3], [0.6, 1]], [[0.1, 0.4], [np.nan, np.nan]]])
@@ -193,8 +202,10 @@ def test_intervals_are_lines_of_their_length_and_numbers_stand_left_of_them() ->
     segments = [line for each in axes.collections if isinstance(each, LineCollection) for line in each.get_segments()]
     assert [[x for x, _ in line] for line in segments if len(line)] == [[-0.2, 0.3], [0.6, 1], [0.1, 0.4]]
     assert [text.get_text() for text in axes.texts] == ["0", "0.8"]
-    low = axes.transData.transform((-0.2, 0))[0]
-    assert axes.texts[0].get_window_extent().x1 < low < axes.texts[1].get_window_extent().x1
+    edge, low = (axes.transData.transform((x, 0))[0] for x in (-0.6, -0.2))
+    boxes = [text.get_window_extent() for text in axes.texts]
+    assert boxes[0].x0 == pytest.approx(boxes[1].x0)
+    assert edge < boxes[1].x0 < boxes[1].x1 < low
     assert "confidence interval" in words(made)
 
 
@@ -242,6 +253,6 @@ def test_values_are_written_into_cells_that_have_room() -> None:
         return {text.get_position(): text.get_text() for text in axes.texts}
 
     values = np.array([[1.25, np.nan], [4, 9]])
-    assert written(values, (640, 480)) == {(0.5, 0.5): "1.25", (0.5, 1.5): "4", (1.5, 1.5): "9"}
+    assert written(values, (640, 480)) == {(0.5, 0.5): "1.25", (0.5, 1.5): "4.00", (1.5, 1.5): "9.00"}
     assert written(np.full((4, 30), 1.25), (640, 480)) == {}
     assert written(np.full((8, 8), 1.2345), (200, 200)) == {}

@@ -94,6 +94,19 @@ def test_x_chooses_curves_and_the_other_parameter_their_colours() -> None:
     assert not panel.series[0].joined
 
 
+def test_coinciding_curves_take_turns_and_are_noted() -> None:
+    mass, kind = np.tile(np.arange(5.0), 4), np.repeat(["Euler", "RK4", "implicit", "other"], 5)
+    height = np.where(kind == "other", 9 - mass, mass**2) + np.where(kind == "RK4", 1e-9, 0)
+    study = results({"mass": mass, "integrator": kind.tolist()}, {"z": height})
+    plan = StudyFigurePlan(study, FigureOptions())
+    (panel,) = plan.drawing.panels
+    assert isinstance(panel, GraphPanel)
+    assert [series.turn for series in panel.series] == [(0, 3), (1, 3), (2, 3), (0, 1)]
+    (note,) = plan.notes
+    assert all(name in note for name in ("Euler", "RK4", "implicit"))
+    assert "other" not in note
+
+
 def test_points_where_a_parameter_does_not_exist_are_a_curve_and_a_row_of_their_own() -> None:
     a = np.array([0.0, *np.repeat([1, 2, 3], 3)])
     number, text = np.array([np.nan, *[4, 5, 6] * 3]), ["", *["x", "y", "z"] * 3]
