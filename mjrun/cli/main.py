@@ -183,7 +183,10 @@ def _guarded(console: Console, action: Callable[[], int]) -> int:
         except Exception as error:
             if _ended_by is None:
                 raise
-            raise _ending(_ended_by) from error  # what an import makes of a signal, for example
+            ending = _ending(_ended_by)
+            for note in getattr(error, "__notes__", ()):
+                ending.add_note(note)
+            raise ending from error  # what an import makes of a signal, for example
     except click.exceptions.Exit as end:
         return end.exit_code
     except ClosedPipeError as end:  # quietly
@@ -209,9 +212,9 @@ def _failure(error: BaseException) -> FailureReport:
         case MjrunError():
             return FailureReport.of(error)
         case KeyboardInterrupt() | click.Abort():
-            return FailureReport("KeyboardInterrupt", "interrupted", 128 + signal.SIGINT)
+            return FailureReport("KeyboardInterrupt", _with_notes("interrupted", error), 128 + signal.SIGINT)
         case EndRequestedError():
-            return FailureReport("TerminatedError", f"ended by {error}", error.exit_code)
+            return FailureReport("TerminatedError", _with_notes(f"ended by {error}", error), error.exit_code)
         case Exception():
             if isinstance(error, MemoryError) or NO_MEMORY in str(error):  # of a FatalError or a ValueError
                 return FailureReport.of(OutOfMemoryError(str(error)))
@@ -224,6 +227,10 @@ def _failure(error: BaseException) -> FailureReport:
             return FailureReport("InternalError", _bug_message(error), BUG)
         case _:
             raise error
+
+
+def _with_notes(text: str, error: BaseException) -> str:
+    return "\n".join([text, *getattr(error, "__notes__", ())])
 
 
 def _has_working_folder() -> bool:

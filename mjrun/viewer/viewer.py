@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import NoWindowError, SimulationError, UsageError, concerning, option
+from mjrun.errors import MjrunError, NoWindowError, SimulationError, UsageError, clean, concerning, option
 from mjrun.formats.recording import RecordingWriter
 from mjrun.model import state
 from mjrun.model.mujoco_globals import collected_warnings, report_warnings
@@ -297,17 +297,16 @@ class Viewer(ViewerOptions):
             recording = stack.enter_context(self._open_recording(model)) if self.recording is not None else None
             live = LiveSimulation(self.simulation, model, reporter, recording)
             window = stack.enter_context(closing(self._open_window(live.model, reporter)))
+            session = _Session(live, window, Pacer(rational(model.opt.timestep), float(self.speed)), reporter)
             try:
-                _Session(live, window, Pacer(rational(model.opt.timestep), float(self.speed)), reporter).run(
-                    self.paused
-                )
-            finally:
-                live.record_state()
-                files = recording.publish() if recording else []
-        if live.failure:  # which describes it better than MuJoCo's warning
-            if files:
-                live.failure.add_note(f"kept, up to there: {self.recording}")
-            raise live.failure
+                session.run(self.paused)
+                if live.failure:  # which describes it better than MuJoCo's warning
+                    raise live.failure
+            except BaseException as end:  # an interruption too, which an error of the recording would replace
+                if recording:
+                    _publish_after(end, live, recording)
+                raise
+            files = _publish(live, recording) if recording else []
         report_warnings(warnings, reporter)
         return ViewerResult(
             kind=window.kind,
@@ -356,6 +355,20 @@ class Viewer(ViewerOptions):
                 reporter.ask(f"{why}open {page.url} in a browser on this machine; the simulation begins then")
                 return page
         raise NoWindowError(reasons)
+
+
+def _publish(live: LiveSimulation, recording: SessionRecording) -> list[Path]:
+    live.record_state()
+    return recording.publish()
+
+
+def _publish_after(end: BaseException, live: LiveSimulation, recording: SessionRecording) -> None:
+    """Publishes the recording of a session that ended with an exception, which gets a note about it."""
+    try:
+        if _publish(live, recording):
+            end.add_note(f"the recording up to there was saved: {clean(recording.path)}")
+    except MjrunError as error:
+        end.add_note(f"the recording was not saved: {error}")
 
 
 @dataclass(frozen=True)

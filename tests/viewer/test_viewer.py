@@ -1,5 +1,7 @@
 """A live view from beginning to end, in Python: what it makes, what it refuses, and what it leaves."""
 
+import shutil
+import signal
 from collections.abc import Callable, Sequence
 from fractions import Fraction
 from pathlib import Path
@@ -10,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjrun.errors import NoWindowError, UnstableError, UsageError
+from mjrun.errors import NoWindowError, TerminatedError, UnstableError, UsageError
 from mjrun.outputs.recording import Recording
 from mjrun.simulation.simulation import Simulation
 from mjrun.viewer import window as windows
@@ -25,6 +27,7 @@ from mjrun.viewer.window import (
     TakeStep,
     UnsupportedAction,
 )
+from tests.conftest import Command
 from tests.reporters import RecordingReporter
 
 
@@ -229,3 +232,33 @@ def test_nothing_is_reported_of_a_short_stall_at_the_beginning() -> None:
     pace.start(0, 0.0)
     pace.give_up(0, WATCHED / 2)
     assert not pace.is_too_slow(WATCHED / 2)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("is_removed", [False, True], ids=["saved", "lost"])
+def test_an_interrupted_session_reports_what_became_of_its_recording(
+    window: Opened,
+    swing: Path,
+    mjrun_here: Command,
+    monkeypatch: pytest.MonkeyPatch,
+    is_removed: bool,
+    number: signal.Signals,
+) -> None:
+    shown, folder = window(), Path("out")
+    folder.mkdir()
+
+    def interrupted(*_: object) -> list[Action]:
+        if is_removed:
+            shutil.rmtree(folder)
+        raise KeyboardInterrupt if number == signal.SIGINT else TerminatedError(number)
+
+    monkeypatch.setattr(shown, "show", interrupted)
+    done = mjrun_here("view", str(swing), "-q", "--recording", "out/run.npz")
+    outcome = (
+        "the recording was not saved: out/run.npz: cannot be written: No such file or directory"
+        if is_removed
+        else "the recording up to there was saved: out/run.npz"
+    )
+    first = "mjrun: error: " + ("interrupted" if number == signal.SIGINT else "ended by SIGTERM")
+    assert (done.returncode, done.stderr.decode()) == (128 + number, f"{first}\n  {outcome}\n")
+    assert Path("out/run.npz").exists() is not is_removed
