@@ -222,7 +222,7 @@ def _make_if_changed(
         tell_reason(console, last)
         published = list[PublishedOutput]()
         result = perform(requests, console, published)[0]
-        last.finish(published, report(result).json)
+        warn_of_repetition(console, last.finish(published, report(result).json))
     return result
 
 
@@ -241,6 +241,12 @@ def tell_reason(console: Console, last: "UpToDateCheck") -> None:
     """Tells why outputs are made again."""
     if last.reason:
         console.note(f"made again: {last.reason}")
+
+
+def warn_of_repetition(console: Console, reason: str) -> None:
+    """Warns that the next run makes the outputs again, if there is a reason."""
+    if reason:
+        console.warn(f"{reason}: the next run makes the outputs again")
 
 
 def show(console: Console, command_line: ParsedCommandLine, result: "OutputResult", default_output: str = "") -> None:

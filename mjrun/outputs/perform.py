@@ -12,6 +12,7 @@ from typing import Generic, TypeVar
 
 from mjrun import errors
 from mjrun.dataclass import dataclass
+from mjrun.file_version import file_version
 from mjrun.formats.manifest import ManifestWriter
 from mjrun.formats.output_writer import PublishingTransaction, publishing
 from mjrun.model.mujoco_globals import collected_warnings, report_warnings, without_timers
@@ -40,12 +41,21 @@ R = TypeVar("R", bound=OutputResult)
 
 @dataclass(frozen=True)
 class PublishedOutput:
-    """An output in its place: the facts of its manifest, its result, its files, and the units of its columns."""
+    """An output in its place.
+
+    Attributes:
+      facts: the facts of its manifest.
+      result: its result.
+      files: its files.
+      units: the units of its columns.
+      file_versions: versions of its files and its manifest from before another process could replace them.
+    """
 
     facts: Mapping[str, object]
     result: OutputResult
     files: Sequence[Path]
     units: Mapping[str, str]
+    file_versions: Mapping[Path, list[int] | None]
 
 
 def perform(
@@ -330,12 +340,14 @@ class OpenPass(Generic[R]):
                     facts = {**finished.facts, "result": asdict(result), "failure": failure}
                     with PublishingTransaction() as together:
                         files = [file for writer in finished.writers for file in together.move(writer)]
+                        made = [*files]
                         if manifest:
                             manifest.write(facts, files)
                             manifest.finish()
-                            together.move(manifest)
+                            made += together.move(manifest)
                     self.results.append(result)
-                    published.append(PublishedOutput(facts, result, files, finished.units))
+                    versions = {path: file_version(str(path)) for path in made}
+                    published.append(PublishedOutput(facts, result, files, finished.units, versions))
                     for part in (part for writer in finished.writers for part in writer.together):
                         self._made.append(str(part.destination.shown))
                         if part.destination.remark:

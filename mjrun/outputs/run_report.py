@@ -2,11 +2,12 @@
 
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, field
+from dataclasses import asdict, field, replace
 from pathlib import Path
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import MjrunError, PartlyDoneError
+from mjrun.file_version import file_version
 from mjrun.formats.manifest import with_fingerprints
 from mjrun.formats.table_reader import STDIN
 from mjrun.options.plot import FigureOptions
@@ -88,15 +89,16 @@ def run_page(
                 _publish(writer, options, title, published)
 
 
-def _publish(writer: PageWriter, options: PageOptions, title: str, published: Sequence[PublishedOutput]) -> None:
-    """Publishes the page; if that fails, the outputs remain."""
+def _publish(writer: PageWriter, options: PageOptions, title: str, published: list[PublishedOutput]) -> None:
+    """Publishes the page, and adds its version to the last output; if that fails, the outputs remain."""
     assert options.html is not None
     contents = _Contents(options.html, options.embed_up_to)
     try:
         for output in published:
             contents.add(output)
         writer.write(contents.page(title))
-        writer.publish()
+        pages = {path: file_version(str(path)) for path in writer.publish()}
+        published[-1] = replace(published[-1], file_versions={**published[-1].file_versions, **pages})
     except MjrunError as error:
         made = [path for output in published for path in _made(output)]
         partly = PartlyDoneError(made, [(options.html, error)])

@@ -16,6 +16,7 @@ from typing import Any, Self, cast
 from mjrun.confinement.confinement import confinement
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, clean, option
+from mjrun.file_version import file_version
 from mjrun.formats.input_file import is_file
 from mjrun.formats.manifest import fingerprint
 from mjrun.formats.output_writer import OutputWriter, StagedFile
@@ -29,7 +30,20 @@ from mjrun.python_code import code_hash, module_sources
 from mjrun.simulation.manifest import plain
 from mjrun.version import __version__
 
-VARIABLES = ("MUJOCO_GL", "MUJOCO_EGL_DEVICE_ID", "IMAGEIO_FFMPEG_EXE")  # of the environment, which choose tools
+# Variables of the environment that choose tools, also for the drivers of OpenGL and Vulkan.
+VARIABLES = (
+    "MUJOCO_GL",
+    "MUJOCO_EGL_DEVICE_ID",
+    "IMAGEIO_FFMPEG_EXE",
+    "GALLIUM_DRIVER",
+    "LIBGL_ALWAYS_SOFTWARE",
+    "LIBGL_DRIVERS_PATH",
+    "MESA_LOADER_DRIVER_OVERRIDE",
+    "__EGL_VENDOR_LIBRARY_FILENAMES",
+    "VK_DRIVER_FILES",
+    "VK_ICD_FILENAMES",
+)
+DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")  # one that is set is a further backend; its number changes with the session
 INCIDENTAL = ("command", "jobs")  # options that do not change an output
 NAMED = 3  # outputs that a message names
 
@@ -86,6 +100,7 @@ class UpToDateCheck:
         self.reason = ""
         self._requests, self._options, self._documents, self._page = requests, options, documents, page
         self._stack, self._facts = ExitStack(), dict[str, Any]()
+        self._versions = dict[str, list[int] | None]()  # of the files that are read, before they are
         self._digests, self._entries = FileDigestCache(), UserCache("run")
         self._check()
         depfile = options.depfile
@@ -103,6 +118,7 @@ class UpToDateCheck:
         """Returns the earlier report if it still describes the outputs; None if they have to be made."""
         if not self._options.if_changed:
             return None
+        self._versions = self._present_versions()
         self._facts = self._present_facts()
         entry = self._entries.read(self._key)
         if entry is None:
@@ -118,23 +134,35 @@ class UpToDateCheck:
         published: Sequence[PublishedOutput],
         document: Callable[[], Mapping[str, object]],
         cases: Callable[[], Iterable[object]] = tuple[object],
-    ) -> None:
-        """Stores the report of a complete run, unless its inputs have changed meanwhile, and what it depends on.
+    ) -> str:
+        """Stores the report of a complete run and what it depends on, unless a file has changed meanwhile.
 
         Args:
           published: the outputs that were made.
           document: makes the JSON document of the report.
           cases: makes its verdicts, dataclasses.
+
+        Returns:
+          Why nothing was stored, which the user should know; empty if stored, or if the run itself writes an input.
         """
         self._publish_dependencies()
-        if self._options.if_changed and self._facts == self._present_facts():
-            more = [path for path in self._outputs if is_file(path)]  # manifests, and the page
-            made = [file for output in published for file in output.files]
-            outputs = [fingerprint(path) for path in dict.fromkeys([*made, *map(Path, more)])]
-            verdicts = [asdict(cast(Any, case)) for case in cases()]
-            entry = {"facts": self._facts, "outputs": outputs, "document": document(), "cases": verdicts}
-            self._entries.write(self._key, entry)
-            self._entries.trim()
+        if not self._options.if_changed:
+            return ""
+        if reason := next(self._replaced_inputs(), "") or next(_replaced_outputs(published), ""):
+            return reason
+        if self._facts != self._present_facts():
+            return ""
+
+        more = [path for path in self._outputs if is_file(path)]  # manifests, and the page
+        made = [file for output in published for file in output.files]
+        outputs = [fingerprint(path) for path in dict.fromkeys([*made, *map(Path, more)])]
+        if reason := next(_replaced_outputs(published), ""):  # while it was hashed
+            return reason
+        verdicts = [asdict(cast(Any, case)) for case in cases()]
+        entry = {"facts": self._facts, "outputs": outputs, "document": document(), "cases": verdicts}
+        self._entries.write(self._key, entry)
+        self._entries.trim()
+        return ""
 
     @property
     def _key(self) -> str:
@@ -182,11 +210,26 @@ class UpToDateCheck:
             "options": [_options(request) for request in self._requests],
             "page": self._page,
             "code": code_hash(self._code()),
-            "environment": [simulation.source.code, *(os.environ.get(name) for name in VARIABLES)],
+            "environment": [
+                simulation.source.code,
+                *(os.environ.get(name) for name in VARIABLES),
+                any(os.environ.get(name) for name in DISPLAYS),
+            ],
             "versions": installed_versions(),
             "program": program_facts(),
         }
         return json.loads(json.dumps(facts))
+
+    def _present_versions(self) -> dict[str, list[int] | None]:
+        return {path: file_version(path) for path in self._inputs()}
+
+    def _replaced_inputs(self) -> Iterator[str]:
+        """Yields a sentence about each input that another process has changed, even if its content is restored."""
+        own = {os.path.realpath(path) for request in self._requests for path in request.rewritten_inputs}
+        present = self._present_versions()
+        for path in dict.fromkeys([*self._versions, *present]):
+            if self._versions.get(path) != present.get(path) and os.path.realpath(path) not in own:
+                yield f"{clean(path)} was replaced or changed during the run"
 
     def _damages(self, outputs: Sequence[Mapping[str, Any]]) -> Iterator[str]:
         """Yields a sentence about each output that is not as it was made."""
@@ -222,6 +265,13 @@ def _escaped(path: str) -> str:
     for character in (" ", "#"):
         path = path.replace(character, f"\\{character}")
     return path.replace("$", "$$")
+
+
+def _replaced_outputs(published: Sequence[PublishedOutput]) -> Iterator[str]:
+    """Yields a sentence about each file that is no longer the published one, as after a run with other options."""
+    for path, version in (each for output in published for each in output.file_versions.items()):
+        if file_version(str(path)) != version:
+            yield f"{clean(str(path))} was replaced or changed by another process"
 
 
 def _options(request: OutputRequest[OutputResult]) -> object:

@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -16,9 +17,12 @@ from mjrun.document.camera_and_ghost_forms import read_camera
 from mjrun.errors import UsageError
 from mjrun.formats.user_cache import VARIABLE, UserCache
 from mjrun.options.output import RerunOptions
+from mjrun.options.report import PageOptions
 from mjrun.outputs import up_to_date_check
 from mjrun.outputs.export import Export
 from mjrun.outputs.image import Image
+from mjrun.outputs.perform import perform
+from mjrun.outputs.run_report import run_page
 from mjrun.outputs.trace import Trace
 from mjrun.outputs.up_to_date_check import UpToDateCheck, dependencies
 from mjrun.outputs.video import Video
@@ -213,6 +217,69 @@ def test_a_file_that_changes_during_the_run_leaves_no_record() -> None:
     assert not up_to_date(edited=True)
     assert not up_to_date(edited=False)
     assert up_to_date(edited=False)
+
+
+def test_an_input_that_is_restored_before_the_end_leaves_no_record() -> None:
+    model = Path("model.xml")
+    job = Trace(Simulation("model.xml", steps=1), "a.csv", probe=["qpos"])
+    with UpToDateCheck([job], RerunOptions(if_changed=True)) as last:
+        assert last.up_to_date() is None
+        model.rename("kept.xml")
+        model.write_text(MODEL.replace('mesh="a"', 'mesh="a" pos="0 0 2"'))
+        job.run()
+        Path("kept.xml").replace(model)
+        assert last.finish([], dict[str, object]) == "model.xml was replaced or changed during the run"
+    with UpToDateCheck([job], RerunOptions(if_changed=True)) as last:
+        assert last.up_to_date() is None
+
+
+@pytest.mark.parametrize("name", ["a.csv", "a.json", "page.html"])
+def test_an_output_that_another_run_replaced_is_not_recorded(name: str) -> None:
+    def made(steps: int, meanwhile: Callable[[], object]) -> str | None:
+        job = Trace(Simulation("model.xml", steps=steps), "a.csv", probe=["qpos"], manifest="a.json")
+        with UpToDateCheck([job], RerunOptions(if_changed=True), page="page.html") as last:
+            if last.up_to_date():
+                return None
+            with run_page(PageOptions(html="page.html"), "t", [job]) as published:
+                perform([job], None, published)
+            meanwhile()
+            return last.finish(published, dict[str, object])
+
+    made(3, lambda: shutil.copy(name, "other"))
+    replaced = f"{name} was replaced or changed by another process"
+    assert made(2, lambda: Path("other").replace(name)) == replaced  # the files of a run with other options
+    assert made(2, Path(name).unlink) == replaced
+    assert made(2, lambda: None) == ""
+    assert made(2, lambda: None) is None
+
+
+def test_what_changed_during_a_run_is_reported(
+    mjrun_here: Command, monkeypatch: pytest.MonkeyPatch, run: Callable[..., tuple[str, str]]
+) -> None:
+    def performed(*args: Any) -> Any:
+        results = perform(*args)
+        os.utime("model.xml")
+        return results
+
+    monkeypatch.setattr("mjrun.outputs.perform.perform", performed)
+    for line in (["trace", "model.xml", "--steps", "1", "-o", "a.csv"], ["run", "run.yaml", "-o", "out"]):
+        done = mjrun_here(*line, "--if-changed")
+        reason = "model.xml was replaced or changed during the run"
+        warning = f"mjrun: warning: {reason}: the next run makes the outputs again\n"
+        assert (done.returncode, done.stderr.decode()) == (0, warning)
+
+
+@pytest.mark.parametrize("variable", ["GALLIUM_DRIVER", "LIBGL_ALWAYS_SOFTWARE", "DISPLAY"])
+def test_variables_that_choose_a_renderer_make_outputs_again(
+    run: Callable[..., tuple[str, str]], monkeypatch: pytest.MonkeyPatch, variable: str
+) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    run()
+    monkeypatch.setenv(variable, ":1")
+    assert run()[0] == "mjrun or its environment has changed"
+    monkeypatch.setenv(variable, ":2")
+    assert bool(run()[0]) is (variable != "DISPLAY")  # another number of a display does not select another backend
 
 
 def test_cameras_and_ghosts_depend_on_their_files() -> None:

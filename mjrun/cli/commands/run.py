@@ -16,6 +16,7 @@ from mjrun.cli.simulation_command import (
     summary,
     tell_reason,
     unchanged,
+    warn_of_repetition,
 )
 from mjrun.errors import UsageError, clean, option
 from mjrun.options.report import REPORT_FORMATS, ReportFormatOptions
@@ -79,7 +80,7 @@ def run(console: Console, command_line: ParsedCommandLine) -> None:
             ):
                 results = perform(request.outputs, console, published)
             report = _report(results)
-            last.finish(published, report.json, report.cases)
+            warn_of_repetition(console, last.finish(published, report.json, report.cases))
     console.answer(report, form)
 
 
