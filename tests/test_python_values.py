@@ -6,6 +6,7 @@ from decimal import Decimal
 from fractions import Fraction
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import mjrun
@@ -103,6 +104,20 @@ def test_a_column_is_neither_a_camera_nor_a_time() -> None:
     for name in ("camera", "time"):
         with pytest.raises(BadValueError, match=rf"^{name}: .* is not a "):
             mjrun.Image(PENDULUM, "a.png", **{name: Column()})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("data", "kind"),
+    [(mjrun.Table({"time": np.zeros(9)}), "Table"), ({"time": [0.0] * 9}, "dict"), (np.zeros((9, 2)), "list")],
+)
+def test_data_in_memory_are_refused_by_their_kind_with_a_remedy(data: object, kind: str) -> None:
+    with pytest.raises(BadValueError) as error:
+        mjrun.fit("scene:pendulum", data, free={"joint/hinge.damping": "0..1"})  # type: ignore[arg-type]
+    assert (
+        str(error.value) == f"data: '{kind}' is not the name of a file; write data that are in memory to a file first"
+    )
+    with pytest.raises(BadValueError, match=f"^output: '{kind}' is not the name of a file$"):
+        mjrun.Video(PENDULUM, data)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("name", ["qpos", "qvel", "ctrl"])

@@ -17,7 +17,7 @@ from mjrun.physics.timed_rows import SLACK, require_times, without_gaps
 from mjrun.probe.fields import RecordedFieldProbe
 from mjrun.probe.select import select
 from mjrun.probe.vocabularies import ModelVocabulary
-from mjrun.simulation.mapped_table import TIME, ColumnMap, column_map, column_names, evaluated, time_hint
+from mjrun.simulation.mapped_table import TIME, ColumnMap, column_map, column_names, evaluated, time_hint, units_of
 
 Floats = NDArray[np.float64]
 
@@ -330,13 +330,15 @@ class _Table:
                 f"{clean(path)} measures nothing of this model\nits columns are {listing(names)}\n"
                 f"the model has columns such as {valid}; {option('map')} translates names: qpos/knee=knee_deg*pi/180"
             )
+        self._units = units_of(model, ["ctrl"] if model.nu else [])
         for probe in select(model, self.signals):
+            self._units |= {column.name: column.unit for column in probe.columns}
             if not isinstance(probe, RecordedFieldProbe):
                 raise UsageError(f"{listing([c.name for c in probe.columns])} cannot be fitted: no engine records them")
 
     def segments(self, signals: Sequence[str], constant: np.ndarray, remarks: list[str]) -> list[LogSegment]:
         """Reads its stretches without gaps, with a column for each of `signals`."""
-        columns = evaluated(self._path, self._expressions)
+        columns = evaluated(self._path, self._expressions, self._units)
         times = columns[TIME]
         require_times(times, self._path)
         missing = np.full(len(times), np.nan)

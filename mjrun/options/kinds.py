@@ -235,7 +235,13 @@ class PathKind(Kind[str | PathLike[str], str]):
         return TEXT
 
     def __call__(self, value: str | PathLike[str]) -> str:
-        path = fspath(value)
+        try:
+            path = fspath(value)
+        except TypeError:
+            given = cast("object", value)  # such as a table, too long to print
+            shown = None if given is None or isinstance(given, int | float) else type(given).__name__
+            remedy = "" if self.written else "; write data that are in memory to a file first"
+            raise InvalidValueError(f"the name of a file{remedy}", shown) from None
         if not path:  # usually an unset variable of a shell script
             raise InvalidValueError("the name of a file")
         if self.written and not self.stored and is_url(path):

@@ -14,7 +14,7 @@ The unit of a column that is read unchanged, which the table states or which fol
 """
 
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import field as dataclass_field
 from fractions import Fraction
 from functools import cached_property
@@ -32,7 +32,7 @@ from mjrun.model.names import JOINT_TRANSMISSIONS, control_names
 from mjrun.model.table_column import split_column, split_header
 from mjrun.model.units import SI_UNITS
 from mjrun.options.number_kinds import UNITS as EXACT_UNITS
-from mjrun.options.setting_kinds import UNITS
+from mjrun.options.setting_kinds import UNITS, AngleWithUnit
 from mjrun.physics.control import ControlTable
 from mjrun.physics.kinematic_samples import FIELDS, Interpolation, KinematicMotion, KinematicSamples, quaternions
 from mjrun.physics.timed_rows import TimedRows
@@ -51,9 +51,13 @@ LARGEST = 2**20  # bytes of a file of lines
 
 PLACES = {"wxyz": (0, 1, 2, 3), "xyzw": (3, 0, 1, 2)}  # indices of w, x, y and z
 CONTROL = r"ctrl(/|[_.\[]?[0-9])"  # names of controls begin like this
-SI_FACTORS = {
-    **{name: float(factor) for name, factor in EXACT_UNITS["SECONDS"].items()},
-    **{f"{name}{rate}": factor for name, (_, factor) in UNITS.items() for rate in ("", "/s")},
+CONVERSIONS = {  # the SI unit of each unit, and the factor to it
+    **{name: ("s", float(factor)) for name, factor in EXACT_UNITS["SECONDS"].items()},
+    **{
+        f"{name}{rate}": (("rad" if kind is AngleWithUnit else "m") + rate, factor)
+        for name, (kind, factor) in UNITS.items()
+        for rate in ("", "/s")
+    },
 }
 DEGREES = "°"  # another name of `deg`
 
@@ -385,13 +389,20 @@ def column_names(path: str | Path) -> list[str]:
         return names
 
 
-def evaluated(path: str | Path, expressions: Mapping[str, RowExpression]) -> dict[str, np.ndarray]:
+def evaluated(
+    path: str | Path, expressions: Mapping[str, RowExpression], units: Mapping[str, str]
+) -> dict[str, np.ndarray]:
     """Evaluates expressions on all rows of a table, `(n,)` each; NaN where a cell is missing.
 
     A column that is used unchanged is converted to SI units if the table states another unit, such as degrees. Columns
     that no expression reads are not loaded; the others are loaded block by block.
 
+    Args:
+      expressions: expressions by column of the model.
+      units: SI units of the model's columns, by name; empty where unknown.
+
     Raises:
+      UsageError: the table states a unit that does not measure what the column of the model does.
       FileError: the table cannot be read.
     """
     evaluators = {key: expression.evaluator() for key, expression in expressions.items()}
@@ -403,33 +414,50 @@ def evaluated(path: str | Path, expressions: Mapping[str, RowExpression]) -> dic
             for key, evaluator in evaluators.items():
                 parts[key].append(evaluator.feed(columns))
         table.require_unchanged()
-        factors = {key: _si_factor(key, expression, table.units) for key, expression in expressions.items()}
+        factors = {
+            name: _si_factor(name, units.get(name, ""), expression, table.units)
+            for name, expression in expressions.items()
+        }
     return {key: np.concatenate(blocks) * factors[key] for key, blocks in parts.items()}
 
 
-def _si_factor(name: str, expression: RowExpression, units: Mapping[str, str]) -> float:
+def _si_factor(name: str, wanted: str, expression: RowExpression, units: Mapping[str, str]) -> float:
     """Returns the factor to SI units of a column with a stated unit; 1 for an expression, which converts by itself.
 
     Args:
       name: name of the model's column.
+      wanted: its SI unit; empty if unknown.
 
     Raises:
-      UsageError: the unit is unknown.
+      UsageError: the unit is unknown, or one of another quantity, such as of a length for an angle.
     """
     if not expression.is_column:
         return 1
     column = expression.columns[0]
     in_header = None if column == name else split_header(column)[1]
-    unit = (units.get(column) or in_header or "").replace(DEGREES, "deg")
-    if not unit or unit in SI_UNITS:
+    stated = (units.get(column) or in_header or "").replace(DEGREES, "deg")
+    if not stated:
         return 1
-    if unit not in SI_FACTORS:
+    if stated not in CONVERSIONS and stated not in SI_UNITS:
         raise UsageError(
-            f"column {clean(column)} is in an unknown unit, {quoted(unit)}\n"
-            f"units that are converted: {listing(list(SI_FACTORS))}; for others, {option('map')} assigns an "
+            f"column {clean(column)} is in an unknown unit, {quoted(stated)}\n"
+            f"units that are converted: {listing(list(CONVERSIONS))}; for others, {option('map')} assigns an "
             f"expression, as in {clean(name)}={clean(spelled(column))}*FACTOR"
         )
-    return SI_FACTORS[unit]
+    unit, factor = CONVERSIONS.get(stated, (stated, 1.0))
+    if wanted not in ("", unit):
+        raise UsageError(
+            f"column {clean(column)} is in {clean(stated)}, and {clean(name)} of the model in {wanted}\n"
+            f"correct the unit in the table, or convert the numbers: {option('map')} assigns an expression, as in "
+            f"{clean(name)}={clean(spelled(column))}*FACTOR"
+        )
+    return factor
+
+
+def units_of(model: mujoco.MjModel, fields: Iterable[str]) -> dict[str, str]:
+    """Returns the units of the columns of some fields, and of the time."""
+    probes = [field_probe(model, field) for field in fields]
+    return {TIME: "s"} | {column.name: column.unit for probe in probes for column in probe.columns}
 
 
 def state_map(model: mujoco.MjModel, names: Sequence[str], texts: Sequence[str], quat: str, source: str) -> ColumnMap:
@@ -509,7 +537,8 @@ def read_motion(
             f"{clean(str(path))} has a column 'time', and {option('replay_rate')} is for tables without one\n"
             f"{option('map')} can specify another time: time=EXPRESSION"
         )
-    values = evaluated(path, mapped.sources if mapped.time is None else {**mapped.sources, TIME: mapped.time})
+    sources = mapped.sources if mapped.time is None else {**mapped.sources, TIME: mapped.time}
+    values = evaluated(path, sources, units_of(model, [field for field in FIELDS if mapped.columns[field]]))
     if rate is None:
         times = values.pop(TIME)
     else:
@@ -566,8 +595,10 @@ def read_controls(
             f"degrees, and {option('ctrl')} sets the others"
         )
 
+    units = units_of(model, ["ctrl"])
+
     def values(name: str, expression: RowExpression) -> np.ndarray:
-        return expression.values(columns) * _si_factor(name, expression, table.units)
+        return expression.values(columns) * _si_factor(name, units[name], expression, table.units)
 
     controls = {names[index]: values(names[index], mapped.sources[names[index]]) for index in driven}
     return ControlTable(TimedRows(values(TIME, mapped.time), controls, source, linear), driven)

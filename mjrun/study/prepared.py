@@ -61,7 +61,7 @@ CHUNK_STEPS = 50_000  # steps in a chunk whose time is not measured: usually sec
 CHUNK_POINTS = 500  # most points in such a chunk
 LEAST_WORLDS, CHUNK_WORLDS = 256, 4096  # points in a chunk of Warp worlds; few do not pay for another process
 NEUTRAL = {"scale": 1.0, "add": 0.0}  # relative values that change nothing
-MOST = 64  # values that are tried one by one
+MOST = 64  # values, or points, that are tried one by one
 # Kinds of elements, and settings, on which initial states do not depend.
 NOT_IN_STARTS = ("geom", "site", "camera", "light", "material", "actuator", "sensor", "tendon", "pair", "opt", "vis")
 
@@ -169,8 +169,29 @@ class PreparedStudy(PreparedPoints):
 
     @cached_property
     def first(self) -> Simulation:
-        """The simulation of the first point, in the base model: any other model might crash this process."""
-        return replace(self.spec.simulation(self.points.points[0]), model=self.spec.base.model)
+        """The simulation of the first point that can start."""
+        return self._simulation(0)
+
+    def _simulation(self, index: int) -> Simulation:
+        """Returns the simulation of a point, in the base model: any other model might crash this process."""
+        return replace(self.spec.simulation(self.points.points[index]), model=self.spec.base.model)
+
+    def _start(self, simulation: Simulation) -> None:
+        """Raises the errors of a simulation that are known before its first step."""
+        is_episode = simulation.episode is not None
+        model = simulation.load() if is_episode else self._variants.load(simulation.source).model
+        simulation.timeline(model)
+        simulation.stepper(model)
+
+    def _starting(self) -> Simulation | None:
+        """Returns the simulation of a point other than the first that can start, or None if none of those tried can."""
+        count = len(self.points.points)
+        for index in np.unique(np.linspace(0, count - 1, min(count, MOST)).astype(int))[1:]:
+            with suppress(MjrunError):
+                simulation = self._simulation(int(index))
+                self._start(simulation)
+                return simulation
+        return None
 
     @cached_property
     def planned_size(self) -> int:
@@ -225,12 +246,13 @@ class PreparedStudy(PreparedPoints):
         if isinstance(self.spec.product, EpisodeSpec):  # whose simulation would take as long as the whole point
             return metrics
         try:
-            model = self._variants.load(self.first.source).model if episode is None else self.first.load()
-            self.first.timeline(model)
-            self.first.stepper(model)
+            self._start(self.first)
         except ModelError:
             pass  # of this point alone, as the base model compiles: it fails wherever it is in the order
         except UsageError as error:
+            if simulation := self._starting():  # the first point fails as it would anywhere else in the order
+                self.first = simulation
+                return metrics
             match error.path:
                 case ("set", name, *rest) if name in self.points.names:
                     error.path = ("vary", name, *rest)

@@ -94,6 +94,22 @@ def test_a_csv_that_states_its_units_needs_no_map(tmp_path: Path) -> None:
     assert by_hand.state(0)[FIELDS["qpos"]][7] == table["qpos/hip"][0]
 
 
+@pytest.mark.parametrize(
+    ("column", "unit", "wanted"),
+    [("qpos/hip", "mm", "rad"), ("qpos/lift", "deg", "m"), ("qpos/hip", "rad/s", "rad"), ("time", "m", "s")],
+)
+def test_a_unit_of_another_quantity_is_refused(tmp_path: Path, column: str, unit: str, wanted: str) -> None:
+    path = tmp_path / "log.csv"
+    table = pd.DataFrame(tumble().qpos[ROWS], columns=QPOS).assign(time=0.002 * ROWS)
+    header, *rows = table.to_csv(index=False).splitlines()
+    comment = f"# units: {','.join(unit if name == column else '' for name in table.columns)}"
+    path.write_text("\n".join([header, comment, *rows]))
+    with pytest.raises(UsageError) as error:
+        read(path)
+    assert f"column {column} is in {unit}, and {column} of the model in {wanted}\n" in str(error.value)
+    read(path, f"{column}={column}*1")  # an expression uses the numbers of the file
+
+
 @pytest.mark.parametrize("suffix", ["csv", "jsonl", "parquet", "feather"])
 def test_empty_cells_nulls_and_nans_are_gaps_in_every_format(tmp_path: Path, suffix: str) -> None:
     table = foreign()

@@ -204,6 +204,21 @@ def test_the_table_does_not_depend_on_the_chunks_or_the_engine(simulation: Simul
     assert len(tables) == 1
 
 
+@pytest.mark.parametrize("values", ["10mm,10deg", "10deg,10mm"])
+def test_a_point_that_cannot_start_fails_alone_wherever_it_is(tmp_path: Path, values: str) -> None:
+    hinge = Simulation("scene:pendulum", steps=10)
+    with pytest.raises(FailedPointsError):
+        study(hinge, tmp_path / "study", vary={"qpos/hinge": values}, metric={}).run()
+    rows = pd.read_csv(tmp_path / "study" / "results.csv")
+    assert rows["status"].tolist() == [{"10mm": "failed", "10deg": "ok"}[text] for text in values.split(",")]
+
+
+def test_a_study_is_refused_if_no_point_can_start(tmp_path: Path) -> None:
+    hinge = Simulation("scene:pendulum", steps=10)
+    with pytest.raises(UsageError, match="is not an angle"):
+        study(hinge, tmp_path / "study", vary={"qpos/hinge": "10mm,12mm"}, metric={}).run()
+
+
 @pytest.mark.slow
 def test_points_that_fail_are_rows_and_the_rest_is_done(
     simulation: Simulation, tmp_path: Path, point_processes: None
