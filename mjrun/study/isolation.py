@@ -3,7 +3,7 @@
 import math
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from pathlib import Path
 from typing import cast
@@ -36,8 +36,7 @@ def run_chunk(chunk: PointChunk) -> ChunkResult:
     simulator: IsolatedSimulator | None = getattr(_processes, "simulator", None)
     if simulator is None or simulator.study != chunk.study:
         end_process()
-        stop: ProcessStop | None = getattr(_processes, "stop", None)
-        simulator = _processes.simulator = IsolatedSimulator(chunk.study, snapshot.root, stop)
+        simulator = _processes.simulator = IsolatedSimulator(chunk.study, snapshot.root, process_stop())
     results = {result.index: result for result in simulator.run(chunk.points, chunk.time_limit)}
     worker_versions, simulator.worker_versions = simulator.worker_versions, ()
     result = ChunkResult([results[point.index] for point in chunk.points], worker_versions)
@@ -71,8 +70,8 @@ class ProcessStop:
         self._lock, self._worker = threading.Lock(), cast("Worker | None", None)
         self.is_requested = False
 
-    def new_worker(self) -> Worker:
-        """Returns a new process.
+    def new_worker(self, start: Callable[[], Worker] | None = None) -> Worker:
+        """Returns a new process, made by `start`, or one for points.
 
         Raises:
           CancelledError: it was to end.
@@ -80,7 +79,7 @@ class ProcessStop:
         with self._lock:
             if self.is_requested:
                 raise CancelledError
-            self._worker = new_worker()
+            self._worker = (start or new_worker)()
             return self._worker
 
     def request(self) -> None:
@@ -96,8 +95,15 @@ class ProcessStop:
             self._worker.close()
 
 
+def process_stop() -> ProcessStop:
+    """Returns the way in which the executor of this thread ends its process."""
+    return getattr(_processes, "stop", None) or ProcessStop()
+
+
 class LocalExecutor(ThreadPoolExecutor):
-    """An executor with `count` threads for `run_chunk`; the end of its `with` block ends them and their processes."""
+    """An executor with `count` threads, for functions that start their processes with `process_stop`; the end of its
+    `with` block ends the threads and their processes.
+    """
 
     def __init__(self, count: int) -> None:
         self._stops = list[ProcessStop]()

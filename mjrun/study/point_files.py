@@ -8,7 +8,6 @@ import hashlib
 import json
 import re
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import field, replace
 from pathlib import Path
 from typing import cast
@@ -34,6 +33,7 @@ from mjrun.python_code import PickledWithCode
 from mjrun.reporter import PythonApiReporter, Reporter
 from mjrun.simulation.manifest import plain
 from mjrun.simulation.simulation import Simulation
+from mjrun.study.isolation import LocalExecutor, process_stop
 from mjrun.study.prepared import PreparedStudy
 from mjrun.study.results import STATUSES, ResultColumns, with_flags
 from mjrun.study.spec import PointResult
@@ -127,13 +127,17 @@ class PointFileMaker:
         outputs = {index: self._outputs(index, results[index]) for index in chosen}
         missing = [index for index, each in outputs.items() if each.missing()]
         failures = dict[int, str]()
-        with ThreadPoolExecutor(jobs if isinstance(jobs, int) else available_cores()) as pool:
-            messages = pool.map(make_isolated, [outputs[index] for index in missing])
-            for done, (index, message) in enumerate(zip(missing, messages, strict=True), 1):
-                if message:
-                    failures[index] = clean(message)
-                failed = f", {len(failures)} failed" if failures else ""
-                reporter.progress(f"files of points{failed}", done, len(missing))
+        try:
+            with LocalExecutor(jobs if isinstance(jobs, int) else available_cores()) as pool:
+                messages = pool.map(make_isolated, [outputs[index] for index in missing])
+                for done, (index, message) in enumerate(zip(missing, messages, strict=True), 1):
+                    if message:
+                        failures[index] = clean(message)
+                    failed = f", {len(failures)} failed" if failures else ""
+                    reporter.progress(f"files of points{failed}", done, len(missing))
+        except BaseException:  # such as an interruption, after which the processes have been killed
+            self.remove_left_behind()
+            raise
         sheet = self._contact_sheet([i for i in chosen if i not in failures], outputs, results, reporter)
         paths = [each.folder / NAMES[kind] for each in outputs.values() for kind in self.kinds]
         return KeptFiles(chosen, len(missing), [*(str(path) for path in paths if path.is_file()), *sheet], failures)
@@ -361,7 +365,7 @@ class PointFileServer:
 
 def make_isolated(outputs: PointFileRequest) -> str:
     """Makes the files of a point in a separate process; returns the reason of a failure, empty on success."""
-    with contextlib.closing(Worker("mjrun.study.point_files:PointFileServer", environment={})) as worker:
+    with contextlib.closing(process_stop().new_worker(_new_worker)) as worker:
         try:
             worker.ask("make", PickledWithCode.of(outputs, outputs.simulation.code))
         except WorkerEndedError as error:
@@ -369,6 +373,10 @@ def make_isolated(outputs: PointFileRequest) -> str:
         except MjrunError as error:
             return str(error)
     return ""
+
+
+def _new_worker() -> Worker:
+    return Worker("mjrun.study.point_files:PointFileServer", environment={})
 
 
 def up_to(simulation: Simulation, steps: int) -> Simulation:

@@ -1,8 +1,8 @@
 """The choice of points whose files are kept, against pandas, and these files."""
 
 import json
+import time
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +18,12 @@ from mjrun.options.sweep import KEPT, KeptFileOptions
 from mjrun.outputs.trace import Trace
 from mjrun.simulation.simulation import Simulation
 from mjrun.study import point_files
+from mjrun.study.isolation import LocalExecutor
 from mjrun.study.point_files import PointFileRequest, PointSelection, keep_options, make_isolated, up_to
 from mjrun.study.status import remove_unused
 from mjrun.study.study import Study
 from mjrun.study.video_grid import VideoCell
+from tests.reporters import RecordingReporter
 
 
 def outputs(ball: Simulation, folder: Path, *kinds: str, key: str = "a", **options: object) -> PointFileRequest:
@@ -164,14 +166,40 @@ def test_files_are_made_once_by_as_many_processes_as_the_quota_of_a_container_fe
 ) -> None:
     counts: list[int] = []
 
-    def record(count: int) -> ThreadPoolExecutor:
+    def record(count: int) -> LocalExecutor:
         counts.append(count)
-        return ThreadPoolExecutor(count)
+        return LocalExecutor(count)
 
-    monkeypatch.setattr(point_files, "ThreadPoolExecutor", record)
+    monkeypatch.setattr(point_files, "LocalExecutor", record)
     options = {**study, "jobs": "auto", "vary": {"qpos/ball/z": "0.2,0.5"}, "keep": ("recording",)}
     assert [Study(**options).run().kept.made for _ in range(2)] == [2, 0]  # type: ignore[arg-type]
     assert counts == [1, 1]
+
+
+class InterruptingReporter(RecordingReporter):
+    """Interrupts the main thread while the files of the second point, in `folder`, are being written."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__()
+        self.folder = folder
+
+    def progress(self, what: str, done: int, total: int) -> None:
+        if what == "files of points":
+            while not (self.folder.is_dir() and any(self.folder.iterdir())):
+                time.sleep(0.001)
+            raise KeyboardInterrupt
+
+
+def test_an_interruption_ends_the_processes_that_write_files_and_leaves_no_unfinished_ones(
+    study: dict[str, object], tmp_path: Path
+) -> None:
+    study["simulation"] = Simulation(str(tmp_path / "ball.xml"))
+    study |= {"vary": {"duration": "0.01,600"}, "keep": ("trace",)}
+    points = tmp_path / "study" / "points"
+    with pytest.raises(KeyboardInterrupt):
+        Study(**study).run(InterruptingReporter(points / "000001"))  # type: ignore[arg-type]
+    assert {path.name for path in points.rglob("*.*")} == {"trace.parquet", "point.json"}
+    assert not [*(points / "000001").iterdir()]
 
 
 def test_an_unstable_point_is_kept_up_to_its_last_good_step(study: dict[str, object], tmp_path: Path) -> None:
