@@ -235,7 +235,8 @@ def study_table(
     for index, name in enumerate(metrics):
         table.add(Column(name, units.get(name, ""), "metric"), results.metrics[:, index])
     table.add_coded("status", results.status, STATUSES)
-    table.add(Column("steps", meaning="steps taken", integer=True), results.steps)
+    if "steps" not in design.names:  # otherwise the column of the parameter has this name
+        table.add(Column("steps", meaning="steps taken", integer=True), results.steps)
     table.add(Column("exit_code", meaning="of this point alone", integer=True), results.exit_code)
     table.add_coded("message", *results.messages)
     if is_single:

@@ -213,6 +213,13 @@ def test_a_point_that_cannot_start_fails_alone_wherever_it_is(tmp_path: Path, va
     assert rows["status"].tolist() == [{"10mm": "failed", "10deg": "ok"}[text] for text in values.split(",")]
 
 
+def test_the_number_of_steps_may_vary(ball: Simulation, tmp_path: Path) -> None:
+    study(replace(ball, steps=None), tmp_path / "study", vary={"steps": "2,30"}).run()
+    rows = pd.read_csv(tmp_path / "study" / "results.csv")
+    assert rows["steps"].tolist() == [2, 30]
+    assert rows["status"].tolist() == ["ok", "ok"]
+
+
 def test_a_study_is_refused_if_no_point_can_start(tmp_path: Path) -> None:
     hinge = Simulation("scene:pendulum", steps=10)
     with pytest.raises(UsageError, match="is not an angle"):
