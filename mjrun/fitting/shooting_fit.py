@@ -221,14 +221,15 @@ class ShootingFit:
         problem = self._problem(parts, start, np.concatenate(states), noise, held=True)
         end = self._run(GaussNewton(problem).minimize())
         look = self.look(whole, end.coordinates, first, noise)
-        of_states = self._starting.of_states
+        of_states, errors = self._starting.of_states, self._starting.errors_after_step(self._predictor.timestep)
         left = np.concatenate(list(end.residuals))[:, of_states] * noise[of_states]
-        least = least_noise(np.concatenate([part.values for part in whole]), self._predictor.rotations)[of_states]
-        is_exact = bool((np.sqrt((left**2).mean(axis=0)) <= least).all())
-        if not is_exact and look.cost >= search.best.cost:
+        least = least_noise(np.concatenate([part.values for part in whole]), self._predictor.rotations) * errors
+        is_exact = bool((np.sqrt(np.nanmean(left**2, axis=0)) <= least[of_states]).all())
+        is_jumping = is_exact and self._is_stopped(look)  # rounding alone has made whole segments jump
+        if not is_jumping and look.cost >= search.best.cost:
             return
         search.ways.append("steps from each measured state to the next")
-        if is_exact and self._is_stopped(look):  # rounding alone has made whole segments jump
+        if is_jumping:
             own = self._problem(whole, None, first, noise, fixed=True)
             search.own = self._run(GaussNewton(own).look())
             draws = np.clip(end.coordinates + scattered(end, self._parameters, self._seed), 0, 1)

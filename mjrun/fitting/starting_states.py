@@ -84,6 +84,17 @@ class StateGuesses:
         is_known = bool(np.isfinite(data.qpos).all() and np.isfinite(data.qvel).all())
         return state.save(model, data) if is_known else None
 
+    def errors_after_step(self, timestep: float) -> np.ndarray:
+        """Returns the error of each signal a step after a `sampled` state, over that of its measurement, `(signals,)`.
+
+        Positions from which velocities follow are as exact as these only with errors smaller by the timestep: a force
+        that a model lacks moves them by its square.
+        """
+        errors = np.ones(len(self._noise))
+        if len(self._qvel) < self._model.nv:
+            errors[[*self._qpos.values()]] = timestep
+        return errors
+
     def place(self, data: mujoco.MjData, chunk: Chunk, timestep: float) -> None:
         """Sets the measured positions and velocities of `data` to those at the beginning of `chunk`."""
         rows, seconds, noise = chunk.values[: WINDOWS[0]], chunk.positions[: WINDOWS[0]] * timestep, self._noise
