@@ -87,7 +87,7 @@ def shortened(text: str, most: int = SHOWN) -> str:
 def near(name: str, valid: Iterable[str]) -> list[str]:
     """Returns up to three names in `valid` that are most similar to `name`, best first; case is ignored.
 
-    A common suffix, as of files of one format, does not count as similarity.
+    A common suffix, as of files of one format, and the unit of a column do not count as similarity.
     """
     if len(name) > QUOTED:  # comparing it would be slow
         return []
@@ -95,11 +95,17 @@ def near(name: str, valid: Iterable[str]) -> list[str]:
 
     by_fold: dict[str, list[str]] = {}
     for spelling in valid:
-        by_fold.setdefault(spelling.casefold(), []).append(spelling)
-    pairs = {fold: _beginnings(name.casefold(), fold) for fold in by_fold}
+        by_fold.setdefault(_without_unit(spelling.casefold()), []).append(spelling)
+    sought = _without_unit(name.casefold())
+    pairs = {fold: _beginnings(sought, fold) for fold in by_fold}
     alike = [fold for fold, (one, other) in pairs.items() if get_close_matches(one, [other], cutoff=NEAR)]
-    close = get_close_matches(name.casefold(), alike, n=3, cutoff=NEAR)
+    close = get_close_matches(sought, alike, n=3, cutoff=NEAR)
     return [spelling for fold in close for spelling in by_fold[fold]][:3]
+
+
+def _without_unit(name: str) -> str:
+    """Removes the unit after the name of a column: `vel [m/s]`."""
+    return name[: name.rindex(" [")] if name.endswith("]") and " [" in name[1:] else name
 
 
 def _beginnings(one: str, other: str) -> tuple[str, str]:
@@ -111,7 +117,7 @@ def _beginnings(one: str, other: str) -> tuple[str, str]:
 def listing(names: Sequence[str]) -> str:
     """Lists `names` separated by commas, cut after `LISTED`."""
     shown = ", ".join(clean(n) or "''" for n in names[:LISTED])
-    return shown + (f", … ({len(names)} in all)" if len(names) > LISTED else "")
+    return shown + (f", … ({len(names):,} in all)" if len(names) > LISTED else "")
 
 
 def counted(count: int, noun: str) -> str:
@@ -309,6 +315,23 @@ def concerning(*path: str | int) -> Generator[None]:
         raise
 
 
+def _choices(name: str, valid: Sequence[str]) -> str:
+    """Lists valid names; of many, those of the same group, or else the groups: `qpos/*`."""
+    if len(valid) <= LISTED:
+        return listing(valid)
+    groups = dict[str, list[str]]()
+    for each in valid:
+        groups.setdefault(each.partition("/")[0], []).append(each)
+    group, slash, _ = name.partition("/")
+    if slash and group in groups:
+        return listing(groups[group])
+    words = [names[0] if len(names) == 1 else f"{word}/*" for word, names in groups.items()]
+    if len(words) == len(valid):
+        return listing(valid)
+    more = ", …" if len(words) > LISTED else ""
+    return f"{', '.join(map(clean, words[:LISTED]))}{more} ({len(valid):,} in all)"
+
+
 class UnknownNameError(UsageError):
     """A name that is not one of the valid ones."""
 
@@ -323,7 +346,7 @@ class UnknownNameError(UsageError):
     ) -> None:
         plural = plural or f"{kind}s"
         self.name, self.valid, self._meant = name, tuple(valid), tuple(meant)
-        choices = f"{plural}: {listing(valid)}" if valid else f"there are no {plural}"
+        choices = f"{plural}: {_choices(name, valid)}" if valid else f"there are no {plural}"
         place = f" in {_clean_but_options(where)}" if where else ""
         super().__init__(f"no {kind} {quoted(name)}{place}{suggestion(name, valid, *meant)}\n{choices}")
 

@@ -355,3 +355,18 @@ def test_a_message_keeps_its_lines_and_options_when_it_is_cleaned() -> None:
 def test_long_texts_are_cut() -> None:
     assert errors.shortened("x" * 80) == "x" * 80
     assert errors.shortened("x" * 81) == "x" * 79 + "…"
+
+
+def test_the_unit_of_a_column_does_not_matter_for_suggestions() -> None:
+    assert near("vel", ["time [s]", "vel [m/s]"]) == ["vel [m/s]"]
+    assert near("velo [m/s]", ["vel [km/h]", "acc [m/s]"]) == ["vel [km/h]"]
+    assert near("qpos[1]", ["qpos[0]"]) == ["qpos[0]"]
+
+
+def test_of_many_names_their_groups_are_listed_or_those_of_the_same_group() -> None:
+    names = ["time", *(f"qpos/{i}" for i in range(1500)), "contact/ncon"]
+    assert str(UnknownNameError("column", "foo", names)).endswith(
+        "\ncolumns: time, qpos/*, contact/ncon (1,502 in all)"
+    )
+    assert "columns: qpos/0, qpos/1, " in str(UnknownNameError("column", "qpos/x", names))
+    assert str(UnknownNameError("column", "foo", [f"n{i}" for i in range(1500)])).endswith("… (1,500 in all)")

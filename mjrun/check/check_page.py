@@ -234,7 +234,6 @@ def _models(result: CheckResult) -> PageFactTable:
     faulty = [model for model in worst_first(result.models) if model.findings or not model.loads]
     for model in faulty[:MAX_CARDS]:
         counts = [str(model.count(severity) or "") for severity in reversed(SEVERITIES)]
-        rows.append((clean(model.model), *counts, "" if model.loads else "does not load"))
-    return PageFactTable(
-        "Models", "Models with findings, the worst first", ("Model", "Errors", "Warnings", "Notes", ""), rows, (1, 2, 3)
-    )
+        rows.append((clean(model.model), *counts, "yes" if model.loads else "no"))
+    heads = ("Model", "Errors", "Warnings", "Notes", "Loads")
+    return PageFactTable("Models", "Models with findings, the worst first", heads, rows, (1, 2, 3))

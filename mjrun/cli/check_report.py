@@ -15,6 +15,7 @@ from mjrun.check.rule import SEVERITIES, Finding, Rule, short_path, without_repe
 from mjrun.check.rule_catalogue import explanation, local_page, published_page, topic
 from mjrun.cli.console import CiVerdict, CommandReport, linked, shows_links
 from mjrun.cli.simulation_command import import_mujoco
+from mjrun.cli.terminal_layout import folded_words, terminal_width
 from mjrun.errors import clean, counted
 from mjrun.version import __version__
 
@@ -29,6 +30,7 @@ TEXTS: dict[str, Callable[[Finding], str]] = {
     "message": lambda finding: finding.text,
     "remedy": lambda finding: finding.remedy,
 }
+MESSAGE, REMEDY = "  ", "    "  # before folded lines of messages, and before lines of remedies
 NO_FINDING = Finding("", "", "", "")
 
 
@@ -57,12 +59,18 @@ def linked_code(code: str) -> str:
 
 
 def lines(result: CheckResult, shown_code: Callable[[str], str] = str) -> Iterator[str]:
-    """Yields a line per finding in the style of compilers, with its remedy below it, in the order of the models."""
+    """Yields a line per finding in the style of compilers, with its remedy below it, in the order of the models.
+
+    Both are folded to the width of the terminal.
+    """
+    width = terminal_width()
     for finding, model in _shown(result):
         place = clean(finding.file) + (f":{finding.line}" if finding.line else "")
-        yield f"{place}: {finding.severity} {shown_code(finding.code)}: {clean(full_message(finding, model))}"
-        if finding.remedy:
-            yield from (f"    {clean(line)}" for line in finding.remedy.splitlines())
+        text = f"{place}: {finding.severity} {finding.code}: {clean(full_message(finding, model))}"
+        shown = f"{shown_code(finding.code)}:"
+        yield from (line.replace(f"{finding.code}:", shown) for line in folded_words(text, width, "", MESSAGE))
+        for line in finding.remedy.splitlines():
+            yield from folded_words(clean(line), width, REMEDY, REMEDY)
     created, fixed, changed = "created", "fixed", "changed with it"
     if not result.written:
         created, fixed, changed = "would be created", "would fix", "would be changed with it"

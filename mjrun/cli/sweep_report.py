@@ -206,13 +206,14 @@ def _repeats(result: "StudyResult") -> list[ReportColumn]:
         for name in result.names
         if name != SEED
     ]
-    columns.append(ReportColumn("points", [str(group.points) for group in groups], right=True))
+    columns.append(ReportColumn("points", [str(group.points) for group in groups], right=True, extra=True))
     for name, summary in result.metrics.items():
         means = [group.metrics[name] for group in groups]
         columns.append(
             ReportColumn(clean(with_unit(name, summary.unit)), [number(each.mean) for each in means], right=True)
         )
-        columns.append(ReportColumn(level, [interval_text(each.interval) for each in means], right=True))
+        intervals = [interval_text(each.interval) for each in means]
+        columns.append(ReportColumn(level, intervals, right=True, extra=True))
     return columns
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import zip_longest
 
-from rich.cells import cell_len
+from rich.cells import cell_len, chop_cells
 from rich.console import Console as Terminal
 from rich.padding import Padding
 from rich.text import Text
@@ -18,6 +18,7 @@ GAP, INDENT = 2, 2
 READABLE = 100  # characters of a line of labels and values
 NARROW, SCANT = 24, 8  # least width of a folded text: if columns can be left out, and if not
 CELL = 1000  # characters of a cell that are shown
+STEMS = " │├└─"  # characters before the names in a tree
 NEEDED = 2  # columns that are never left out
 UNLIMITED = 1 << 16
 
@@ -26,10 +27,7 @@ class TerminalReport:
     """A report for the terminal: titled tables and lines, which are collected first."""
 
     def __init__(self) -> None:
-        self._terminal = Terminal(file=sys.stdout, highlight=False, markup=False, emoji=False)
-        columns = os.environ.get("COLUMNS", "")
-        if not self._terminal.is_terminal and not (columns.isdecimal() and int(columns)):
-            self._terminal.width = UNLIMITED
+        self._terminal = _terminal()
         self._empty = True
         self._text = ""
 
@@ -87,10 +85,13 @@ class TerminalReport:
         for line in _lines(columns, widths, folded):
             self._print(Text(line, style="dim"), max(self._terminal.width, cell_len(line)))
         for i, cells in enumerate(zip(*(column.cells for column in columns), strict=True)):
-            folded = [self._folded(cell, width) for cell, width in zip(cells, widths, strict=True)]
+            folded = [
+                _folded_branch(cell, column.below[i], width) if column.below else self._folded(cell, width)
+                for column, cell, width in zip(columns, cells, widths, strict=True)
+            ]
             height = max(map(len, folded))
             for column, lines, width in zip(columns, folded, widths, strict=True):
-                lines += self._folded(column.below[i], width) * (height - 1) if column.below else []
+                lines += [column.below[i][:width]] * (height - len(lines)) if column.below else []
             self._text += "".join(f"{line}\n" for line in _lines(columns, widths, folded))
 
     def _folded(self, cell: str, width: int) -> list[str]:
@@ -117,6 +118,28 @@ class TerminalReport:
         self._text += printed.get()
 
 
+def terminal_width() -> int:
+    """Returns the width of the terminal, or `COLUMNS`; unlimited without either."""
+    return _terminal().width
+
+
+def folded_words(text: str, width: int, first: str, others: str) -> list[str]:
+    """Folds a text between words, with a beginning of the first line and one of the others; words are never broken."""
+    if len(first) + cell_len(text) <= width:
+        return [first + text]
+    return textwrap.wrap(
+        text, width, initial_indent=first, subsequent_indent=others, break_long_words=False, break_on_hyphens=False
+    )
+
+
+def _terminal() -> Terminal:
+    terminal = Terminal(file=sys.stdout, highlight=False, markup=False, emoji=False)
+    columns = os.environ.get("COLUMNS", "")
+    if not terminal.is_terminal and not (columns.isdecimal() and int(columns)):
+        terminal.width = UNLIMITED
+    return terminal
+
+
 def _lines(columns: Sequence[ReportColumn], widths: Sequence[int], cells: Sequence[Sequence[str]]) -> list[str]:
     """Returns the lines of a row, each of whose cells has some lines, from its top."""
     made = list[str]()
@@ -128,6 +151,14 @@ def _lines(columns: Sequence[ReportColumn], widths: Sequence[int], cells: Sequen
         ]
         made.append((" " * INDENT + (" " * GAP).join(padded)).rstrip())
     return made
+
+
+def _folded_branch(cell: str, below: str, width: int) -> list[str]:
+    """Folds a name in a tree by characters; every line of it stands right of the stems, which continue as `below`."""
+    name = cell.lstrip(STEMS)
+    start = len(cell) - len(name)
+    first, *others = chop_cells(name, max(1, width - start)) or [""]
+    return [cell[:start] + first, *(below.ljust(start)[:start] + part for part in others)]
 
 
 def _fitting(columns: Sequence[ReportColumn], width: int) -> tuple[list[ReportColumn], list[ReportColumn]]:
@@ -160,11 +191,17 @@ def _total(widths: Iterable[int]) -> int:
 
 def _readable_width(column: ReportColumn) -> int:
     """Returns the width at which a column is easy to read."""
-    return _width(column) if column.right else min(_width(column), NARROW)
+    if column.right:  # a heading may be folded, and numbers may not
+        return max(_cell_width(column), min(_width(column), SCANT))
+    return min(_width(column), NARROW)
 
 
 def _width(column: ReportColumn) -> int:
-    return max(cell_len(text) for text in (*_heading(column, 0).split("\n"), *column.cells))
+    return max(_cell_width(column), *map(cell_len, _heading(column, 0).split("\n")))
+
+
+def _cell_width(column: ReportColumn) -> int:
+    return max(map(cell_len, column.cells), default=0)
 
 
 def _widths(columns: Sequence[ReportColumn], room: int) -> list[int]:
@@ -172,11 +209,13 @@ def _widths(columns: Sequence[ReportColumn], room: int) -> list[int]:
     widths = [_width(column) for column in columns]
     texts = [i for i, column in enumerate(columns) if i and not column.right and not column.whole]
     every = [i for i, column in enumerate(columns) if not column.whole]
-    first = every[:1]
-    folded = [(texts, NARROW), (first, NARROW), (first, SCANT), (texts, SCANT), (every, 1)]
+    first = [i for i in every[:1] if not columns[i].below]
+    numbers = [i for i, column in enumerate(columns) if column.right]
+    folded = [(texts, NARROW), (first, NARROW), (numbers, SCANT), (first, SCANT), (texts, SCANT), (every, 1)]
     for group, least in folded:
-        while _total(widths) > room and any(widths[i] > least for i in group):
-            widths[max(group, key=lambda i: widths[i])] -= 1
+        limits = [max(least, _cell_width(column) if group is numbers else 0) for column in columns]
+        while _total(widths) > room and (wide := [i for i in group if widths[i] > limits[i]]):
+            widths[max(wide, key=lambda i: widths[i])] -= 1
     return widths
 
 

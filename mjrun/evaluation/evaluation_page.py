@@ -52,7 +52,7 @@ def write_evaluation_page(
         facts=[
             *(_policy(each, result, several=len(result.policies) > 1) for each in result.policies),
             *_comparison(result),
-            *parameters_table(points),
+            *parameters_table(points, result.units),
             *_endings(result),
             *_failed(result),
         ],

@@ -7,7 +7,8 @@ from pathlib import Path
 from mjrun.errors import MissingExtraError, UsageError, clean, listing
 from mjrun.experiment.design import Design, numbers
 from mjrun.experiment.statistics import Interval
-from mjrun.formats.study_reader import read_study
+from mjrun.formats.study_reader import NO_UNITS, read_study
+from mjrun.model.table_column import with_unit
 from mjrun.options.plot import FigureOptions
 from mjrun.options.report import PageOptions
 from mjrun.plotting.figure_writer import page_svg, require_matplotlib
@@ -39,8 +40,8 @@ def check_page(path: str) -> None:
     require_matplotlib()
 
 
-def parameters_table(design: Design) -> list[PageFactTable]:
-    """Returns a table of the varied parameters and their values, if anything varies."""
+def parameters_table(design: Design, units: Mapping[str, str] = NO_UNITS) -> list[PageFactTable]:
+    """Returns a table of the varied parameters with their units, and their values, if anything varies."""
     rows = list[tuple[str, str, str]]()
     for index, name in enumerate(design.names):
         texts = design.distinct(index)
@@ -53,7 +54,7 @@ def parameters_table(design: Design) -> list[PageFactTable]:
             shown = f"{', '.join(texts[:LISTED])}, …"
         else:
             shown = f"{number(float(values.min()))} … {number(float(values.max()))}"
-        rows.append((name, f"{len(texts):,}", shown))
+        rows.append((with_unit(name, units.get(name)), f"{len(texts):,}", shown))
     if not rows:
         return []
     caption, headings = f"What varies over {len(design.points):,} points", ("Parameter", "Different values", "Values")

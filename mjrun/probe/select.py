@@ -183,6 +183,8 @@ def _objects(model: mujoco.MjModel, episode: EpisodeColumns | None, name: str, p
     objects = list(dict.fromkeys(object_of(column.name) for column in _whole(model, episode, name).columns))
     joints = joints_of(model, patterns[0], objects)
     error = UnknownNameError("object", patterns[0], objects, where=f"probe {name}", meant=joints)
+    if name == PAIRS:
+        error.add_note(f"{PAIRS}/A/B counts the contacts between two bodies or geoms")
     raise _with_advice(error, name, patterns[0], objects)
 
 

@@ -297,7 +297,7 @@ class Study(StudyOptions, ExecutionOptions):
             from mjrun.study.study_page import write_study_page
 
             known = {**prepared.identity, "command": self.command, "wall": result.wall}
-            write_study_page(self, result, points, known, self.simulation.source.text)
+            write_study_page(self, result, points, prepared.units, known, self.simulation.source.text)
 
         if self.export_to is not None:
             write_runs(self.export_to, prepared.folder.path(), table, points.names, {})

@@ -28,11 +28,17 @@ ENGINES = {"c": "MuJoCo", "warp": "MuJoCo Warp, in single precision"}
 
 
 def write_study_page(
-    options: PageOptions, result: "StudyResult", points: Design, facts: Mapping[str, object], model: str
+    options: PageOptions,
+    result: "StudyResult",
+    points: Design,
+    units: Mapping[str, str],
+    facts: Mapping[str, object],
+    model: str,
 ) -> None:
     """Writes the page of a finished study.
 
     Args:
+      units: units of parameters, by name.
       facts: the command, the versions and the hash of the model.
       model: the model as specified.
 
@@ -50,7 +56,7 @@ def write_study_page(
         verdict=(not failed, f"{result.points:,} points: {statuses}"),
         verdicts=[(result.path, verdict) for verdict in result.assertions],
         facts=[
-            *parameters_table(points),
+            *parameters_table(points, units),
             *_metrics(result),
             *_repeats(result),
             *_sensitivities(result),

@@ -167,3 +167,14 @@ def test_a_finding_in_a_file_of_several_models_is_shown_once() -> None:
     assert github(cases).count("::warning") == 1
     assert markdown(cases).count("part.xml:3") == 1
     assert junit(cases).count('type="warning"') == 2  # it is a verdict about each model
+
+
+def test_findings_are_folded_to_the_width_of_the_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = Finding("MJ102", "warning", "robot.xml", "a message of words, " * 5, line=3, remedy="do this or that, " * 5)
+    folded = dict[str, list[str]]()
+    for width in ("40", "0"):
+        monkeypatch.setenv("COLUMNS", width)
+        folded[width] = list(check_report.lines(result(found)))
+    assert max(map(len, folded["40"])) <= 40
+    assert len(folded["0"]) == 2
+    assert " ".join(" ".join(folded["40"]).split()) == " ".join(" ".join(folded["0"]).split())

@@ -164,3 +164,29 @@ def test_a_cell_of_a_million_characters_is_cut_in_the_middle(monkeypatch: pytest
     shown = written.text()
     assert len(shown) < 4000
     assert shown.count("…") == shown.count("z") == 2
+
+
+def test_names_of_a_tree_keep_their_stems(monkeypatch: pytest.MonkeyPatch) -> None:
+    bodies, below = ["world", "└─ torso", "   └─ left_upper_arm"], ["│", "   │", "      "]
+    tree = ReportColumn("body", bodies, below=below)
+    written = page(monkeypatch, 40)
+    written.table("bodies", [tree, ReportColumn("joints", ["", "hip_x, " * 9, "a"])], 3)
+    lines = written.text().splitlines()
+    assert any(line.startswith("  └─ torso") for line in lines)
+    assert any(line.startswith("     └─ left_upper_arm") for line in lines)
+
+    written = page(monkeypatch, 26)
+    written.table("bodies", [tree, ReportColumn("mass", ["12345678"] * 3, right=True)], 3)
+    assert [line[:16].rstrip() for line in written.text().splitlines()[-2:]] == [
+        "     └─ left_upp",
+        "        er_arm",
+    ]
+
+
+def test_numbers_are_shown_below_folded_headings(monkeypatch: pytest.MonkeyPatch) -> None:
+    written = page(monkeypatch, 40)
+    names = ["opt.gravity[2]", "opt.timestep", "top_height [m]"]
+    written.table("means", [ReportColumn(name, ["-9.8125"], right=True) for name in names], 1)
+    lines = written.text().splitlines()
+    assert lines[-1].split() == ["-9.8125"] * 3
+    assert max(map(len, lines)) <= 40

@@ -58,7 +58,7 @@ def test_two_policies_are_compared_and_parameters_listed(tmp_path: Path) -> None
     page = made(tmp_path, compare="zero", vary={"geom/box.mass": "1,2"})
     cells = PageCells(page).texts
     assert "random minus zero, over 14 pairs of episodes" in page
-    assert cells[cells.index("geom/box.mass") + 1 :][:2] == ["2", "1, 2"]
+    assert cells[cells.index("geom/box.mass [kg]") + 1 :][:2] == ["2", "1, 2"]
     assert read_study(tmp_path / "out").units == {
         "geom/box.mass": "kg",
         "length": "s",

@@ -22,6 +22,11 @@ def test_parameters_are_listed_or_have_a_range(values: list[str], expected: tupl
     assert facts.rows == [("p", *expected)]
 
 
+def test_parameters_have_their_units() -> None:
+    (facts,) = parameters_table(Design(("opt.timestep", "p"), [("1", "2"), ("3", "4")]), {"opt.timestep": "s"})
+    assert [row[0] for row in facts.rows] == ["opt.timestep [s]", "p"]
+
+
 def test_nothing_varies_without_parameters() -> None:
     assert parameters_table(Design((), [()])) == []
 

@@ -154,3 +154,12 @@ def test_spaces_at_the_ends_of_a_name_belong_to_it_where_an_object_has_them() ->
         "xpos[ hand ]": [f"xpos/ hand /{axis}" for axis in "xyz"],
     }.items():
         assert [column.name for column in selected_columns(model, [text])] == names, text
+
+
+def test_an_object_of_contacts_is_hinted_at_as_one_of_two() -> None:
+    model = mujoco.MjModel.from_xml_string(
+        "<mujoco><worldbody><body name='a'><geom size='1'/></body></worldbody></mujoco>"
+    )
+    with pytest.raises(UnknownNameError) as caught:
+        select(model, ["contact[a]"])
+    assert any("contact/A/B" in note for note in caught.value.__notes__)

@@ -199,6 +199,7 @@ def _draw_rank_bars(canvas: MatplotlibFigure, panel: SensitivityPanel, axes: Axe
             va="center_baseline",
             color=rgb(theme.grey),
             fontsize=0.85 * SMALL * em * POINT,
+            path_effects=[withStroke(linewidth=3 * canvas.weight, foreground=rgb(theme.ground))],  # on the grid
         )
 
 
