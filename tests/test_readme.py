@@ -267,7 +267,7 @@ def test_a_fit_of_the_readme_finds_what_its_log_was_made_with(
     monkeypatch.setitem(SMALLER, "trace", "")  # in a tenth of a second nothing swings
     done = [execute(line) for line in commands.replace("\\\n", " ").splitlines()]
     assert [each.returncode for each in done] == [0] * len(done)
-    assert re.search(r"joint/hinge.damping +0 +0.2 ", done[1].stdout)
+    assert re.search(r"joint/hinge.damping \[N·m·s/rad\] +0 +0.2 ", done[1].stdout)
     assert (tmp_path / "fit.png").exists()
 
 

@@ -86,7 +86,7 @@ def test_tables_that_are_written_to_during_a_comparison_are_not_compared(
     with pytest.raises(FileError, match=r"a\.csv: has changed while it was read"):
         compare_tables(str(a), str(b), TableDiffOptions())
     with pytest.raises(FileError, match=r"b\.csv: has changed while it was read"):
-        evaluated(b, {})
+        evaluated(b, {}, {})
 
 
 def test_the_same_rows_agree_in_every_format(tmp_path: Path) -> None:
