@@ -296,6 +296,8 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--baseline", type=Path, default=BASELINE)
     given = parser.parse_args()
+    if given.steps <= 100 * FEW:  # of which videos have a hundredth
+        parser.error(f"--steps {given.steps}: give more than {100 * FEW}")
     if not given.baseline.exists():
         raise SystemExit(f"there is no {given.baseline}; name the loop in C with --baseline")
     costs = [compare(given.baseline, model, given.steps, given.repeats) for model in given.models]
