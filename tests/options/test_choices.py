@@ -45,7 +45,8 @@ from mjrun.options.rendering import (
     ViewOptions,
 )
 from mjrun.options.report import REPORT_FORMATS
-from mjrun.options.sweep import EXTRAS, ExecutionOptions
+from mjrun.options.schema_validation import InvalidValueError
+from mjrun.options.sweep import EXTRAS, ExecutionOptions, StudyCommandOptions
 from mjrun.options.trace import PROBES, RecordingOptions, TraceOptions
 from mjrun.options.video import ImageOptions, VideoOptions
 from mjrun.outputs.format_lists import LISTS, with_formats
@@ -198,3 +199,11 @@ def test_help_lists_codecs_that_a_user_can_choose() -> None:
 def test_every_engine_that_needs_a_library_has_an_extra() -> None:
     assert ExecutionOptions().engine in executors.ENGINES
     assert set(EXTRAS) - {"sweep", "cloud"} <= {engine.partition(":")[0] for engine in executors.ENGINES}
+
+
+@pytest.mark.parametrize("text", ["", "1", "x/4", "1/x", "0/4", "5/4", "1/4/2", "-1/4"])
+def test_a_task_of_a_job_is_one_of_a_number_of_tasks(text: str) -> None:
+    kind = next(each.kind for each in options_of(StudyCommandOptions) if each.attribute == "task")
+    assert kind.parse("4/4") == (4, 4)
+    with pytest.raises(InvalidValueError, match="one of N tasks"):
+        kind.parse(text)
