@@ -171,10 +171,8 @@ class _BoundShot:
             return None
         fovy, frustum, roll = self.shot.fovy, self.rig.frustum, self.shot.roll
         narrowest = frustum.opened(min(fovy.start, fovy.end)) if fovy else frustum
-        turn = min(abs(roll.end - roll.start), 360.0)  # after which the same images return
-        rolls = roll.start + math.copysign(1.0, roll.end - roll.start) * np.linspace(
-            0, turn, 1 + math.ceil(turn / ROLL)
-        )
+        turn = float(np.clip(roll.end - roll.start, -360, 360))  # the same images return after a whole one
+        rolls = roll.start + np.linspace(0, turn, 1 + math.ceil(abs(turn) / ROLL))
         return self.rig.outermost_points(narrowest, size, rolls.tolist())
 
     def aim_at_motion(self, outermost: OutermostPoints) -> str:

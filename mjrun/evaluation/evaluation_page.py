@@ -15,7 +15,7 @@ from mjrun.experiment.results_page_parts import (
     study_figures,
     table_figure,
 )
-from mjrun.experiment.statistics import Interval, NumberSummary, Proportion
+from mjrun.experiment.statistics import Interval, NumberSummary
 from mjrun.model.table_column import with_unit
 from mjrun.options.evaluation import MANIFEST
 from mjrun.options.plot import FigureOptions
@@ -83,8 +83,9 @@ def _policy(summary: PolicySummary, result: "EvaluationResult", *, several: bool
         )
         for name, each in named.items()
     ]
-    if summary.success is not None:
-        rows.insert(0, ("success", f"{summary.episodes:,}", *_share(summary.success), "", "", "", "", "", ""))
+    if (success := summary.success) is not None:
+        shares = _percents(success.share, success.interval)
+        rows.insert(0, ("success", f"{summary.episodes:,}", *shares, "", "", "", "", "", ""))
     level = f"{100 * result.confidence:g} % interval"
     heads = ("", "Episodes", "Mean", level, "Interquartile mean", level, "Median", "Std", "Min", "Max")
     title = f"Results of {clean(summary.policy)}" if several else "Results"
@@ -124,7 +125,7 @@ def _comparison(result: "EvaluationResult") -> list[PageFactTable]:
 
 def _endings(result: "EvaluationResult") -> list[PageFactTable]:
     rows = [
-        (each.ending, clean(policy.policy), each.outcome, *_share(each.share))
+        (each.ending, clean(policy.policy), each.outcome, *_percents(each.share.share, each.share.interval))
         for policy in result.policies
         for each in policy.endings
     ]
@@ -143,10 +144,6 @@ def _failed(result: "EvaluationResult") -> list[PageFactTable]:
         if rows
         else []
     )
-
-
-def _share(share: Proportion) -> tuple[str, str]:
-    return _percents(share.share, share.interval)
 
 
 def _percents(share: float | None, ends: Interval) -> tuple[str, str]:

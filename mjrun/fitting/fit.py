@@ -37,7 +37,7 @@ from mjrun.fitting.outputs import HORIZON, FitOutputs, Solutions
 from mjrun.fitting.prediction import Predictor
 from mjrun.fitting.result import FitResult, FittedParameter, FittedSignal, fitted_inertias
 from mjrun.fitting.shooting_fit import SHORTEST, OriginalAndBestSolutions, ShootingFit
-from mjrun.fitting.shooting_problem import LOSSES, Floats, RegressionEstimate, Solution, with_noise
+from mjrun.fitting.shooting_problem import LOSSES, Floats, RoughMotionEstimate, Solution, with_noise
 from mjrun.fitting.starting_states import StateGuesses
 from mjrun.model import state
 from mjrun.model.mujoco_globals import collected_warnings
@@ -94,7 +94,7 @@ class NoiseRatios:
     shares: Floats
     reduced: float
     loss: str
-    estimate: RegressionEstimate | None
+    estimate: RoughMotionEstimate | None
     correlation: float = 0.0
 
     def warning(self) -> str | None:

@@ -218,7 +218,7 @@ def intervals(
     scores = np.array([a.T @ r for a, r in blocks])
     whole = all_information(solution, parameters)
     if solution.loss == "linear" and is_white(solution, informations, scores, whole):
-        moves, widened = scattered(solution, parameters, seed), 1.0
+        moves, widened = scattered(solution, whole, generator), 1.0
     else:
         moves = _bootstrapped(informations, scores, whole, generator)
         freedom = _degrees_of_freedom(informations, whole)
@@ -276,12 +276,15 @@ def is_white(solution: Solution, informations: Floats, scores: Floats, whole: Fl
     return bool((observed * freedom < special.chdtri(freedom, DOUBT)).all())
 
 
-def scattered(solution: Solution, parameters: Sequence[FreeParameter], seed: int) -> Floats:
-    """Draws deviations of coordinates from the truth by Student's t, `(DRAWS, p)`, if the noise is white."""
-    generator = np.random.default_rng(seed)
+def scattered(solution: Solution, whole: Floats, generator: np.random.Generator) -> Floats:
+    """Draws deviations of coordinates from the truth by Student's t, `(DRAWS, p)`, if the noise is white.
+
+    Args:
+      whole: information of the solution, `(p, p)`.
+    """
     numbers = sum(int(np.isfinite(each).sum()) for each in solution.residuals)
     freedom = max(numbers - solution.unknowns, 1)
-    root = _inverse_root(all_information(solution, parameters))
+    root = _inverse_root(whole)
     draws = generator.normal(size=(DRAWS // 2, len(root)))
     draws = np.concatenate([draws, -draws]) * solution.cost * np.sqrt(numbers / freedom)
     return draws / np.sqrt(generator.chisquare(freedom, (DRAWS, 1)) / freedom) @ root.T

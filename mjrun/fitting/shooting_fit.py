@@ -22,14 +22,14 @@ from mjrun.fitting.gauss_newton import (
     GaussNewton,
     is_rough,
 )
-from mjrun.fitting.information import scattered
+from mjrun.fitting.information import all_information, scattered
 from mjrun.fitting.measurements import LogSegment, least_noise, shared
 from mjrun.fitting.prediction import Chunk, ChunkInitialStates, Predictor, chunks
 from mjrun.fitting.shooting_problem import (
     Advanced,
     Floats,
-    RegressionEstimate,
     Result,
+    RoughMotionEstimate,
     ShootingProblem,
     Simulating,
     Solution,
@@ -183,7 +183,7 @@ class ShootingFit:
         first = self._run(self._grown(whole, starts[0], noise, advanced=advanced))
         search = OriginalAndBestSolutions(own, first, ["whole segments"])
         if first.reduced > FINE and not 1 / EXPLAINED < first.reduced < EXPLAINED:  # the noise is not as assumed
-            self._step(search, segments, starts[0], noise)
+            self._follow_states(search, segments, starts[0], noise)
         if self._is_stopped(search.best) and not _is_likely(search.best):
             self._regress(search, noise, advanced)
         if search.best.reduced >= EXPLAINED and not _is_likely(search.best):
@@ -193,17 +193,18 @@ class ShootingFit:
                 search.best = replace(search.best, estimate=None)
             elif not _is_likely(search.best):
                 self._regress(search, noise, advanced)
-        own = search.own
-        if search.best.cost <= own.cost:
+        if search.best.cost <= search.own.cost:
             return search
         if search.best.estimate:  # no simulation is nearer to the log than that of the original model
-            search.best = replace(search.best, coordinates=starts[0], states=own.states, residuals=own.residuals)
+            search.best = replace(
+                search.best, coordinates=starts[0], states=search.own.states, residuals=search.own.residuals
+            )
         else:  # from the states that fit the original model best
-            better = self.solve(whole, starts[0], own.states, noise)
+            better = self.solve(whole, starts[0], search.own.states, noise)
             search.best = min([search.best, better], key=lambda each: each.cost)
         return search
 
-    def _step(
+    def _follow_states(
         self, search: OriginalAndBestSolutions, segments: Sequence[LogSegment], start: Floats, noise: Floats
     ) -> None:
         """Continues a search from the parameters by which each measured state best follows from the one before.
@@ -218,12 +219,12 @@ class ShootingFit:
         if first is None or len(known) < SHORTEST:
             return
         parts, states = zip(*known, strict=True)
-        problem = self._problem(parts, start, np.concatenate(states), noise, held=True)
+        problem = self._problem(parts, start, np.concatenate(states), noise, fixed_states=True)
         end = self._run(GaussNewton(problem).minimize())
         look = self.look(whole, end.coordinates, first, noise)
-        of_states, errors = self._starting.of_states, self._starting.errors_after_step(self._predictor.timestep)
+        of_states, tolerances = self._starting.of_states, self._starting.step_tolerances(self._predictor.timestep)
         left = np.concatenate(list(end.residuals))[:, of_states] * noise[of_states]
-        least = least_noise(np.concatenate([part.values for part in whole]), self._predictor.rotations) * errors
+        least = least_noise(np.concatenate([part.values for part in whole]), self._predictor.rotations) * tolerances
         is_exact = bool((np.sqrt(np.nanmean(left**2, axis=0)) <= least[of_states]).all())
         is_jumping = is_exact and self._is_stopped(look)  # rounding alone has made whole segments jump
         if not is_jumping and look.cost >= search.best.cost:
@@ -232,8 +233,9 @@ class ShootingFit:
         if is_jumping:
             own = self._problem(whole, None, first, noise, fixed=True)
             search.own = self._run(GaussNewton(own).look())
-            draws = np.clip(end.coordinates + scattered(end, self._parameters, self._seed), 0, 1)
-            search.best = replace(look, estimate=RegressionEstimate(draws, probability=1.0))
+            known, generator = all_information(end, self._parameters), np.random.default_rng(self._seed)
+            draws = np.clip(end.coordinates + scattered(end, known, generator), 0, 1)
+            search.best = replace(look, estimate=RoughMotionEstimate(draws, probability=1.0))
         else:
             search.best = self.solve(whole, end.coordinates, first, noise)
 
@@ -430,10 +432,10 @@ class ShootingFit:
         noise: Floats,
         *,
         fixed: bool = False,
-        held: bool = False,
+        fixed_states: bool = False,
     ) -> ShootingProblem:
         setting = (self._predictor, self._parameters, self._states)
-        return ShootingProblem(*setting, parts, coordinates, states, noise, self._loss, fixed, held)
+        return ShootingProblem(*setting, parts, coordinates, states, noise, self._loss, fixed, fixed_states)
 
     def _run(self, task: Simulating[Result]) -> Result:
         (result,) = together(self._predictor, [task])

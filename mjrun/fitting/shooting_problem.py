@@ -52,8 +52,8 @@ class ModelLack:
 
 
 @dataclass(frozen=True, eq=False)
-class RegressionEstimate:
-    """Parameters of a rough motion: by regression on simulated logs, or by steps between exact states.
+class RoughMotionEstimate:
+    """Parameters by regression on simulated logs, or by steps between exact states.
 
     Attributes:
       draws: coordinates that the log permits, `(draws, p)`.
@@ -98,7 +98,7 @@ class Solution:
     sensitivities: Sequence[tuple[Floats, Floats]]
     noise: Floats
     loss: str = "linear"
-    estimate: RegressionEstimate | None = None
+    estimate: RoughMotionEstimate | None = None
 
     @property
     def cost(self) -> float:
@@ -204,7 +204,7 @@ class ShootingProblem:
       noise: standard deviation of each signal, `(signals,)`.
       loss: loss function of scipy's `least_squares`.
       fixed: whether the coordinates are fixed.
-      held: whether the states are fixed at their guesses.
+      fixed_states: whether the states are fixed at their guesses.
 
     Attributes:
       parts, noise, loss: the arguments.
@@ -225,12 +225,12 @@ class ShootingProblem:
         noise: Floats,
         loss: str,
         fixed: bool,
-        held: bool = False,
+        fixed_states: bool = False,
     ) -> None:
         self._predictor, self._parameters, self._states, self.parts = predictor, parameters, states, parts
         self._guesses, self.noise, self.loss = guesses, noise, loss
         self._is_nominal = coordinates is None
-        self.free, self.size = 0 if fixed or self._is_nominal else len(parameters), 0 if held else states.size
+        self.free, self.size = 0 if fixed or self._is_nominal else len(parameters), 0 if fixed_states else states.size
         first = np.array([p.first_coordinate for p in parameters]) if coordinates is None else coordinates
         self.start = Unknowns(first, np.zeros((len(parts), self.size)))
         self.known = [np.isfinite(part.values) for part in parts]

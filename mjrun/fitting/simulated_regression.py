@@ -24,7 +24,7 @@ from mjrun.fitting.shooting_problem import (
     Advanced,
     Floats,
     ModelLack,
-    RegressionEstimate,
+    RoughMotionEstimate,
     ShootingProblem,
     Simulating,
     Solution,
@@ -126,7 +126,7 @@ class RegressionSearch:
         self._noise, self.correlated_noise = noise, None
         self._samples = _places_of_samples(problem.known)
 
-    def estimate(self) -> Simulating[tuple[Unknowns, RegressionEstimate | None]]:
+    def estimate(self) -> Simulating[tuple[Unknowns, RoughMotionEstimate | None]]:
         """Draws and regresses until the errors no longer decrease.
 
         Returns the simulation nearest to the log with the estimated coordinates, and the estimate; None if most
@@ -179,7 +179,7 @@ class RegressionSearch:
         unknowns[:, :free] = estimate[:free]
         self._last, nearest = yield from self._simulated(unknowns, self._point(estimate))
         self._whiten(self._last)
-        return nearest, RegressionEstimate(draws, probability, correlations=correlations)
+        return nearest, RoughMotionEstimate(draws, probability, correlations=correlations)
 
     def lack(self, changes: Sequence[Override]) -> Simulating[ModelLack | None]:
         """Returns the change of the model that the log shows most clearly, or None; after an estimate.

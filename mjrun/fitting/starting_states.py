@@ -37,7 +37,7 @@ class StateGuesses:
     def __init__(
         self, model: mujoco.MjModel, signals: Sequence[str], start: np.ndarray, noise: np.ndarray | None = None
     ) -> None:
-        self._model, self.start = model, start
+        self._model, self._data, self.start = model, mujoco.MjData(model), start
         self._noise = np.zeros(len(signals)) if noise is None else noise
         self._qpos = measured_positions(model, signals)
         self._qvel = _places(model, "qvel", signals, JOINTVEL)
@@ -53,7 +53,7 @@ class StateGuesses:
         Args:
           start: state for everything that is not measured; None for `self.start`.
         """
-        data = mujoco.MjData(self._model)
+        data = self._data
         state.restore(self._model, data, self.start if start is None else start)
         self.place(data, chunk, timestep)
         return state.save(self._model, data)
@@ -68,7 +68,7 @@ class StateGuesses:
         is_measured = len(self._qvel) == model.nv
         if len(self._qpos) < model.nq or model.na or abs(chunk.positions[0]) > SAME_STEP:
             return None
-        data = mujoco.MjData(model)
+        data = self._data
         state.restore(model, data, self.start)
         data.qpos[:] = qpos = segment.values[row, [self._qpos[i] for i in range(model.nq)]]
         if is_measured:
@@ -84,16 +84,19 @@ class StateGuesses:
         is_known = bool(np.isfinite(data.qpos).all() and np.isfinite(data.qvel).all())
         return state.save(model, data) if is_known else None
 
-    def errors_after_step(self, timestep: float) -> np.ndarray:
-        """Returns the error of each signal a step after a `sampled` state, over that of its measurement, `(signals,)`.
+    def step_tolerances(self, timestep: float) -> np.ndarray:
+        """Returns how exactly each signal must follow from a `sampled` state if the log is exact, in its rounding.
 
-        Positions from which velocities follow are as exact as these only with errors smaller by the timestep: a force
-        that a model lacks moves them by its square.
+        Where velocities are differences of positions, a force that the model lacks moves the next positions only by
+        the square of the timestep.
+
+        Returns:
+          Factors of the rounding of each signal, `(signals,)`.
         """
-        errors = np.ones(len(self._noise))
+        tolerances = np.ones(len(self._noise))
         if len(self._qvel) < self._model.nv:
-            errors[[*self._qpos.values()]] = timestep
-        return errors
+            tolerances[[*self._qpos.values()]] = timestep
+        return tolerances
 
     def place(self, data: mujoco.MjData, chunk: Chunk, timestep: float) -> None:
         """Sets the measured positions and velocities of `data` to those at the beginning of `chunk`."""

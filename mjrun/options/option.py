@@ -328,7 +328,7 @@ def given_values(values: Options) -> dict[str, object]:
     given: dict[str, object] = {}
     for each in options_of(type(values)):
         value = getattr(values, each.attribute)
-        if _is_given(each, value):
+        if _differs(value, each.default):
             given[each.key] = _as_mappings(value)
     return given
 
@@ -406,11 +406,7 @@ def _by_name(cls: type[Options]) -> dict[str, Option]:
 def is_given(values: Options, name: str) -> bool:
     """Returns whether an option differs from its default."""
     each = _by_name(type(values))[name]
-    return _is_given(each, getattr(values, each.attribute))
-
-
-def _is_given(each: Option, value: object) -> bool:
-    return _differs(value, each.default)
+    return _differs(getattr(values, each.attribute), each.default)
 
 
 def _differs(value: object, default: object) -> bool:

@@ -27,13 +27,7 @@ from mjrun.options.model import GAINS, parse_gains
 from mjrun.options.option import OptionExclusion, exclusions_of, is_given, options, options_of
 from mjrun.options.policy import is_code
 from mjrun.options.schema_validation import InvalidValueError
-from mjrun.options.simulation import (
-    CONTROLS,
-    RUN_REQUIREMENTS,
-    START,
-    TABLE_READING,
-    SimulationOptions,
-)
+from mjrun.options.simulation import CONTROLS, RUN_REQUIREMENTS, START, TABLE_READING, SimulationOptions
 from mjrun.physics.control import ControlNoise, ControlSources, ControlTable, PeriodicController, PushForces
 from mjrun.physics.initial_state import InitialState
 from mjrun.physics.simulation_loop import RecordedInputs, ReplayStepper, require_model, require_timestep

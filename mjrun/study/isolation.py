@@ -96,7 +96,7 @@ class ProcessStop:
 
 
 def process_stop() -> ProcessStop:
-    """Returns the way in which the executor of this thread ends its process."""
+    """Returns the stop with which the executor of this thread ends its process; a new one in other threads."""
     return getattr(_processes, "stop", None) or ProcessStop()
 
 

@@ -16,7 +16,7 @@ from mjrun.fitting.information import (
     sensitivity,
 )
 from mjrun.fitting.shooting_fit import SHORTEST
-from mjrun.fitting.shooting_problem import STATE_SCALE, RegressionEstimate, Solution
+from mjrun.fitting.shooting_problem import STATE_SCALE, RoughMotionEstimate, Solution
 from tests.fitting.logs import NOISE
 from tests.fitting.problems import THREE, segments, shooting, solved
 
@@ -200,7 +200,7 @@ def test_draws_tell_what_the_range_does_not() -> None:
     covariance = np.array([[4e-4, 1e-4], [1e-4, 9e-4]])
     normal = generator.multivariate_normal([0.4, 0.6], covariance, 20_000)
     draws = np.column_stack([normal, generator.uniform(size=20_000)])
-    drawn = replace(solution, coordinates=np.array([0.4, 0.9, 0.5]), estimate=RegressionEstimate(draws, 0.5))
+    drawn = replace(solution, coordinates=np.array([0.4, 0.9, 0.5]), estimate=RoughMotionEstimate(draws, 0.5))
 
     matrix = all_information(drawn, parameters)
     np.testing.assert_allclose(matrix[:2, :2], np.linalg.inv(covariance) - 12 * np.eye(2), rtol=0.05)

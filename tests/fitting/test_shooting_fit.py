@@ -143,7 +143,7 @@ def test_positions_that_a_model_without_damping_nearly_follows_step_by_step_are_
     noise, start = first_noise([log.values], predictor.rotations), np.array([parameters[0].first_coordinate])
     whole = shoot.cut([log])
     first = shoot.look(whole, start, shoot.guessed(whole, start), noise)
-    shoot._step(search := OriginalAndBestSolutions(first, first), [log], start, noise)
+    shoot._follow_states(search := OriginalAndBestSolutions(first, first), [log], start, noise)
     if damping:
         assert search.best.estimate is None
     else:

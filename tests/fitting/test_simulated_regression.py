@@ -16,7 +16,7 @@ from mjrun.fitting.shooting_problem import (
     UNLIKELY,
     Advanced,
     Floats,
-    RegressionEstimate,
+    RoughMotionEstimate,
     Simulating,
     Solution,
     Unknowns,
@@ -100,7 +100,7 @@ def _bumps(knots: int, count: int) -> np.ndarray:
     return np.where(np.abs(distance) < 1, np.cos(np.pi / 2 * distance) ** 2, 0.0)
 
 
-def regressed(shoot: ShootingFit, search: RegressionSearch) -> tuple[Unknowns, RegressionEstimate]:
+def regressed(shoot: ShootingFit, search: RegressionSearch) -> tuple[Unknowns, RoughMotionEstimate]:
     ((nearest, estimate),) = together(predictor_of(shoot), [search.estimate()])
     assert estimate
     return nearest, estimate

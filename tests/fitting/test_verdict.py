@@ -7,7 +7,7 @@ import pytest
 from scipy import signal
 
 from mjrun.fitting.fit import all_at_bounds, improvement, misfit
-from mjrun.fitting.shooting_problem import ModelLack, RegressionEstimate, Solution
+from mjrun.fitting.shooting_problem import ModelLack, RoughMotionEstimate, Solution
 from mjrun.model.table_column import Column
 from tests.fitting.problems import solved
 
@@ -33,12 +33,12 @@ def test_reduced_chi_square_is_that_of_the_noise_that_is_known() -> None:
     assert doubled.ratios == pytest.approx(2 * fit.ratios)
     assert f"reduced χ² {doubled.reduced:.3g}" in (doubled.warning() or "")
     for probability, warned in ((0.5, False), (0.001, True)):
-        rough = replace(solution, estimate=RegressionEstimate(np.full((9, 3), 0.5), probability))
+        rough = replace(solution, estimate=RoughMotionEstimate(np.full((9, 3), 0.5), probability))
         residuals = misfit(rough, solution.noise / 2, ())
         assert ("contacts" in (residuals.warning() or "")) == warned
         assert ("contacts alone" in (residuals.remark() or "")) == (not warned)
     assert misfit(rough, solution.noise, ()).remark() is None
-    lacking = replace(rough, estimate=RegressionEstimate(np.full((9, 3), 0.5), 0.5, ModelLack("add:x", 0.2, 5.0)))
+    lacking = replace(rough, estimate=RoughMotionEstimate(np.full((9, 3), 0.5), 0.5, ModelLack("add:x", 0.2, 5.0)))
     for noise_size in (solution.noise, solution.noise / 2):
         assert "add:x=0..0.8" in (misfit(lacking, noise_size, ()).warning() or "")
         assert misfit(lacking, noise_size, ()).remark() is None
@@ -71,7 +71,7 @@ def test_residuals_far_beyond_the_noise_are_refused_where_they_are_a_part_of_the
     wrong = with_residuals(0.5 * spread / solution.noise * noise(0))
     assert "times its noise" in (misfit(wrong, solution.noise, ()).refusal([SIGNAL], solution.noise) or "")
     for probability, is_refused in ((0.5, False), (0.001, True)):
-        rough = replace(wrong, estimate=RegressionEstimate(np.full((9, 3), 0.5), probability))
+        rough = replace(wrong, estimate=RoughMotionEstimate(np.full((9, 3), 0.5), probability))
         assert bool(misfit(rough, solution.noise, ()).refusal([SIGNAL], solution.noise)) == is_refused
     amount = float(np.sqrt(np.mean(wrong.residuals[0] ** 2)) * solution.noise[0])
     for tiny in (solution.noise, 1e-9 * solution.noise):

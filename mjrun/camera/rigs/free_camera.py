@@ -215,7 +215,7 @@ class BoundAutoRig:
         return replace(self._pose, position=self._pose.position + self._parts.center(data) - self._followed)
 
     def outermost_points(
-        self, frustum: Frustum, size: tuple[int, int], rolls: Sequence[float] = (0.0,)
+        self, frustum: Frustum, size: tuple[int, int], rolls: Sequence[float]
     ) -> "OutermostPoints | None":
         """Returns an empty collection of points for images of `size` with this frustum; None if nothing can move.
 
@@ -261,7 +261,7 @@ class OutermostPoints:
         free: CameraPose,
         size: tuple[int, int],
         least: float,
-        rolls: Sequence[float] = (0.0,),
+        rolls: Sequence[float],
     ) -> None:
         self._parts, self._shown, self._free, self._size, self._least = parts, shown, free, size, least
         self._rolled = [free.rolled(roll) for roll in rolls]
