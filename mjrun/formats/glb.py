@@ -98,13 +98,15 @@ class _Document:
         self._times = np.asarray(motion.times if motion else (), np.float32)
         self._samplers, self._channels = list[dict[str, Any]](), list[dict[str, Any]]()
         children: dict[int, list[int]] = {}
+        roots = [index for index, node in enumerate(graph.nodes) if node.parent < 0 or node.skin is not None]
         for index, node in enumerate(graph.nodes):
-            children.setdefault(node.parent, []).append(index)
+            if node.skin is None:  # bodies move its vertices, and nothing moves its node
+                children.setdefault(node.parent, []).append(index)
         shapes = {each.node: each for each in motion.deformations} if motion else {}
         self.json["nodes"] = [
             self._node(node, children.get(index, ()), shapes.get(index)) for index, node in enumerate(graph.nodes)
         ]
-        self.json |= {"scene": 0, "scenes": [{"nodes": [0], **({"extras": {**graph.facts}} if graph.facts else {})}]}
+        self.json |= {"scene": 0, "scenes": [{"nodes": roots, **({"extras": {**graph.facts}} if graph.facts else {})}]}
         if motion is not None and len(motion.times):
             self._animate(motion)
         if "extensions" in self.json:

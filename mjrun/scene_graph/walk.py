@@ -267,6 +267,9 @@ def light_of(model: mujoco.MjModel, data: mujoco.MjData, index: int) -> SceneLig
     color = np.clip(model.light_diffuse[index].astype(float), 0, None)
     if kind not in KINDS or not model.light_active[index] or not color.any():
         return None
+    cutoff = math.radians(float(model.light_cutoff[index])) if kind == "spot" else 0.0
+    if kind == "spot" and cutoff <= 0:
+        return None
     lux = math.pi * float(color.max())
     if kind == "directional":
         intensity = lux
@@ -276,7 +279,6 @@ def light_of(model: mujoco.MjModel, data: mujoco.MjData, index: int) -> SceneLig
         intensity = lux * lit_distance(model, data, index) ** 2
     red, green, blue = (float(part) for part in color / color.max())
     hue: Vector = (red, green, blue)
-    cutoff = math.radians(float(model.light_cutoff[index])) if kind == "spot" else 0.0
     return SceneLight(kind, hue, intensity, cutoff=cutoff)
 
 

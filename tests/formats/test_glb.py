@@ -145,6 +145,8 @@ def test_a_skin_is_bound_to_the_nodes_of_its_bodies() -> None:
     skin = Skin([1], bind[None], np.zeros((count, 4), int), np.eye(4)[np.zeros(count, int)])
     gltf = read_gltf(written(SceneGraph([*NODES, Node("skin", "skin", 0, 0, mesh=BALL, skin=skin)])))
     assert gltf.skins[0].joints == [1]
+    assert gltf.scenes[0].nodes == [0, len(NODES)]  # the format ignores what is above a skin
+    assert len(NODES) not in gltf.nodes[0].children
     assert accessor(gltf, gltf.skins[0].inverseBindMatrices)[0, 12:].tolist() == [1, 2, 3, 1]  # column by column
     attributes = gltf.meshes[gltf.nodes[-1].mesh].primitives[0].attributes
     assert accessor(gltf, attributes.WEIGHTS_0).sum() == count

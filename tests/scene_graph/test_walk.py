@@ -119,4 +119,5 @@ def test_the_sun_is_the_same_everywhere() -> None:
 
 
 def test_lights_that_are_off_or_dark_are_left_out() -> None:
-    assert lights("<light active='false'/>", "<light diffuse='0 0 0'/>") == [None, None]
+    dark = ("active='false'", "diffuse='0 0 0'", "type='spot' cutoff='0'")
+    assert lights(*(f"<light {each}/>" for each in dark)) == [None, None, None]
