@@ -64,7 +64,7 @@ class MaterialCache:
     def __init__(self, model: mujoco.MjModel) -> None:
         self._model = model
         self._materials: dict[Material, Material] = {}
-        self._textures: dict[int, Texture] = {}
+        self._textures: dict[tuple[int, bool], Texture] = {}
 
     def mapping(self, geom: mujoco.MjvGeom, unit: Vector, *, is_asset: bool, has_uv: bool) -> TextureMapping | None:
         """Returns the placement of a geom's texture; None if it has none.
@@ -102,19 +102,26 @@ class MaterialCache:
             metallic=max(float(metallic), 0.0),
             roughness=float(roughness) if roughness >= 0 else _roughness(float(geom.specular), float(geom.shininess)),
             emission=float(geom.emission),
-            texture=self.texture(mapping.texture) if mapping else None,
+            texture=self.texture(mapping.texture, is_opaque=alpha >= 1) if mapping else None,
             two_sided=two_sided,
         )
         return self._materials.setdefault(made, made)
 
-    def texture(self, index: int) -> Texture:
-        """Returns a texture; a cube map as an atlas of its faces."""
-        if index not in self._textures:
+    def texture(self, index: int, *, is_opaque: bool = False) -> Texture:
+        """Returns a texture; a cube map as an atlas of its faces.
+
+        Args:
+          is_opaque: leaves out its opacity, which MuJoCo's renderer ignores on geoms of opacity 1.
+        """
+        key = index, is_opaque
+        if key not in self._textures:
             pixels = texture_pixels(self._model, index)
+            if is_opaque:
+                pixels = pixels[..., :3]
             if int(self._model.tex_type[index]) != FLAT:
                 pixels = atlas(pixels.reshape(6, -1, *pixels.shape[1:]))
-            self._textures[index] = Texture(clean(object_names(self._model, "texture", [index])[0]), pixels)
-        return self._textures[index]
+            self._textures[key] = Texture(clean(object_names(self._model, "texture", [index])[0]), pixels)
+        return self._textures[key]
 
     def _texture_id(self, geom: mujoco.MjvGeom) -> int:
         if geom.matid < 0 or geom.texid == -1:  # without textures, MuJoCo's scene has neither

@@ -155,6 +155,23 @@ def test_textures_are_in_packages_and_elsewhere_their_mean(tmp_path: Path) -> No
     assert np.allclose(surface.GetInput("diffuseColor").Get(), 0.5)
 
 
+def test_the_opacity_of_a_texture_multiplies_that_of_its_material(tmp_path: Path) -> None:
+    from pxr import UsdShade
+
+    texture = Texture("glass", np.array([[(255, 0, 0, 0), (255, 0, 0, 51)]], np.uint8))
+    material = Material("glass", (1.0, 1.0, 1.0, 0.5), 0.0, 0.5, emission=0.5, texture=texture)
+    graph = SceneGraph([NODES[0], Node("ball", "geom", 0, 0, mesh=BALL, material=material)])
+    plain, _ = stage_of(tmp_path, graph)
+    surface = UsdShade.Shader(plain.GetPrimAtPath("/World/Looks/glass/surface"))
+    assert surface.GetInput("opacity").Get() == pytest.approx(0.5 * 0.1)
+
+    package, _ = stage_of(tmp_path, graph, suffix=".usdz")
+    surface = UsdShade.Shader(package.GetPrimAtPath("/World/Looks/glass/surface"))
+    (source,), _ = surface.GetInput("opacity").GetConnectedSources()
+    assert source.sourceName == "a"
+    assert tuple(UsdShade.Shader(source.source).GetInput("scale").Get()) == (1, 1, 1, 0.5)
+
+
 def test_a_texture_is_on_the_light_that_a_material_emits(tmp_path: Path) -> None:
     from pxr import UsdShade
 
@@ -171,6 +188,22 @@ def test_a_texture_is_on_the_light_that_a_material_emits(tmp_path: Path) -> None
     image = UsdShade.Shader(source.source)
     assert image.GetInput("file").Get().resolvedPath.endswith("a.usdz[texture_0.png]")
     assert tuple(image.GetInput("scale").Get()) == (0.5, 0.5, 0.5, 1)
+
+
+def test_rotations_are_exact_to_more_digits_than_float32(tmp_path: Path) -> None:
+    from pxr import UsdGeom
+
+    angles = np.array([1e-4, 3e-4, 5e-4, 7e-4])
+    turns = np.stack([np.cos(angles / 2), np.sin(angles / 2), 0 * angles, 0 * angles], axis=1)
+    held = Node("held", "body", 2, 0, quaternion=tuple(turns[3].tolist()))
+    stage, _ = stage_of(tmp_path, SceneGraph([*NODES, held]), replace(MOTION, quaternions=turns[:, None]))
+
+    def angle(path: str, frame: int) -> float:
+        matrix = UsdGeom.XformCache(frame).GetLocalToWorldTransform(stage.GetPrimAtPath(path))
+        return math.atan2(matrix[1][2], matrix[1][1])
+
+    assert [angle("/World/body_1", frame) for frame in range(4)] == pytest.approx(angles, abs=1e-7)
+    assert angle("/World/held", 0) == pytest.approx(angles[3], abs=1e-7)
 
 
 def test_a_package_does_not_depend_on_the_time_of_day(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from mjrun.formats.image_encoding import ImageData, png
 from mjrun.scene_graph import meshes
 from mjrun.scene_graph.graph import Mesh, Node
 from mjrun.scene_graph.materials import PADDING, MaterialCache, TextureMapping, atlas, cube_mapped
@@ -114,6 +115,25 @@ def test_cutting_keeps_meshes_of_any_size(scale: float) -> None:
     whole = np.linalg.norm(cube_mapped(ball, np.ones(3), 16).positions, axis=1)
     assert len(mesh.positions) == len(whole)
     assert (radii.min(), radii.max()) == pytest.approx((whole.min(), whole.max()), rel=1e-5)
+
+
+def test_a_texture_makes_translucent_geoms_more_so_and_leaves_others_opaque() -> None:
+    """As MuJoCo's renderer, which blends only geoms whose own opacity is below 1."""
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><asset><texture name="glass" type="2d" file="glass.png" nchannel="4"/>
+        <material name="solid" texture="glass"/><material name="thin" texture="glass" rgba="1 1 1 .5"/></asset>
+        <worldbody><geom name="a" type="plane" size="1 1 1" material="solid"/>
+        <geom name="b" type="plane" size="1 1 1" material="thin"/></worldbody></mujoco>""",
+        {"glass.png": png(ImageData(np.full((2, 2, 4), 7, np.uint8), 0, None, {}))},
+    )
+    data = mujoco.MjData(model)
+    compute_poses(model, data)
+    graph, _ = record_scene(model, [data], [0.0], SceneContentSettings(mujoco.MjvOption()))
+    solid, thin = (node.material.texture for node in graph.nodes if node.material)
+    assert solid
+    assert thin
+    assert solid.pixels.shape == (2, 2, 3)
+    assert (thin.pixels[..., 3] == 7).all()
 
 
 def test_a_texture_is_made_once() -> None:
