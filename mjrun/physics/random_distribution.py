@@ -13,6 +13,7 @@ from mjrun.options.setting_kinds import CALL, DISTRIBUTIONS
 from mjrun.timeline import EXACT
 
 LEAST, MOST = 2.0**-53, 1 - 2.0**-53  # fractions whose quantiles are finite
+UNIFORM = 1e-8  # relative change of the density of a normal within its limits, below which it is uniform
 Quantiles = Callable[[np.ndarray], np.ndarray]
 # The condition on the numbers of a distribution, in words and as a function.
 CONDITIONS: dict[str, tuple[str, Callable[[Sequence[float]], bool]]] = {
@@ -165,7 +166,10 @@ def _quantiles(name: str, numbers: Sequence[float]) -> Quantiles:
         case "normal", (mean, std):
             return lambda fractions: stats.norm(mean, std).ppf(np.clip(fractions, LEAST, MOST))
         case "truncnormal", (mean, std, low, high):
-            return stats.truncnorm((low - mean) / std, (high - mean) / std, mean, std).ppf
+            ends = (low - mean) / std, (high - mean) / std
+            if (high - low) / std * max(1.0, *map(abs, ends)) < UNIFORM:
+                return _quantiles("uniform", [low, high])
+            return lambda fractions: np.clip(stats.truncnorm(*ends, mean, std).ppf(fractions), low, high)
         case "integers", (first, last):
             return lambda fractions: stats.randint(int(first), int(last) + 1).ppf(np.clip(fractions, LEAST, 1))
         case _:

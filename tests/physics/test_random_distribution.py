@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import UsageError
-from mjrun.physics.random_distribution import draw_numbers, draw_text, parse_distribution
+from mjrun.physics.random_distribution import LEAST, MOST, draw_numbers, draw_text, parse_distribution
 from tests.cases import cases
 
 FRACTIONS = np.array([0.001, 0.1, 0.25, 0.5, 0.75, 0.999])
@@ -30,6 +30,25 @@ def test_a_truncated_normal_is_the_normal_within_its_limits() -> None:
     assert values("truncnormal(1, 2, 0, 4)") == pytest.approx(
         [normal.inv_cdf(low + p * (high - low)) for p in FRACTIONS]
     )
+
+
+@pytest.mark.parametrize(
+    "text", ["truncnormal(1.69, 1.04, -0.58, 0.48)", "truncnormal(5, 1e300, 0, 1)", "truncnormal(3e16, 1e16, 0, 1)"]
+)
+def test_no_value_is_beyond_the_limits_of_its_distribution(text: str) -> None:
+    distribution = parse_distribution(text, "vary x")
+    assert distribution
+    made = distribution.quantiles(np.array([0, LEAST, 0.25, 0.5, 0.75, MOST]))
+    low, high = distribution.numbers[-2:]
+    assert ((made >= low) & (made <= high)).all()
+    assert (np.diff(made) >= 0).all()
+
+
+@pytest.mark.parametrize(("mean", "std"), [(0.5, 1e12), (0.5, 1e300), (3e16, 1e16), (-1e9, 1e12)])
+def test_a_wide_normal_within_narrow_limits_is_uniform(mean: float, std: float) -> None:
+    distribution = parse_distribution(f"truncnormal({mean}, {std}, 0, 1)", "vary x")
+    assert distribution
+    assert distribution.quantiles(FRACTIONS) == pytest.approx(FRACTIONS, abs=1e-8)
 
 
 def test_integers_and_choices_are_equally_likely() -> None:

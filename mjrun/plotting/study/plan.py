@@ -342,8 +342,8 @@ class StudyFigurePlan:
         self._refuse_curve_options("parallel coordinates")
         first = self._metrics[0]
         values = np.column_stack([*(each.values for each in parameters), first.values])
-        order = np.argsort(np.abs(ranks(first.values) - 0.5), kind="stable")  # the extremes last, on top
-        order = np.concatenate([order[np.isnan(first.values[order])], order[~np.isnan(first.values[order])]])
+        from_middle = np.nan_to_num(np.abs(ranks(first.values) - 0.5), nan=-1.0)
+        order = np.argsort(from_middle, kind="stable")  # failed points first, and the extremes last, on top
         if len(order) > DRAWN:
             self.notes.append(f"{DRAWN} of {len(order)} points have a line, evenly chosen")
             order = order[np.linspace(0, len(order) - 1, DRAWN).round().astype(int)]
@@ -376,13 +376,17 @@ class StudyFigurePlan:
         known, names = self._results.sensitivity, self._options.y or self._results.metrics
         if not known or not all(name in known for name in names):
             return []
-        first, second = next(pair for pair in INDICES if pair[0] in known[names[0]])
+        pair = next((pair for pair in INDICES if pair[0] in known[names[0]]), None)
+        if pair is None:  # all are undefined
+            return []
+        first, second = pair
         shares = [known[name][first] for name in names]
+        defined = [each for each in shares if not np.isnan([*each.values()]).any()]
         strength = {
-            parameter: max(abs(each[parameter]) / (max(map(abs, each.values())) or 1) for each in shares)
+            parameter: max((abs(each[parameter]) / (max(map(abs, each.values())) or 1) for each in defined), default=0)
             for parameter in shares[0]
         }
-        parameters = sorted(strength, key=lambda name: -np.nan_to_num(strength[name], nan=-1.0))[:RANKED]
+        parameters = sorted(strength, key=lambda name: -strength[name])[:RANKED]
         panels = list[SensitivityPanel]()
         for name in names:
             bars, rings = (np.array([known[name][index][each] for each in parameters]) for index in (first, second))

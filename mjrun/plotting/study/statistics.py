@@ -1,5 +1,6 @@
 """The parameters of a study, and statistics of its points: medians with bands, ranks and their correlations."""
 
+import math
 from collections.abc import Callable, Sequence
 from itertools import chain
 from typing import Any
@@ -133,20 +134,25 @@ def quantiles(groups: np.ndarray, values: np.ndarray, count: int, shares: Sequen
 
 
 def ranks(values: np.ndarray) -> np.ndarray:
-    """Returns the ranks of values, from 0 to 1."""
-    return np.argsort(np.argsort(values, kind="stable"), kind="stable") / max(1, len(values) - 1)
+    """Returns the ranks of values, from 0 to 1; NaN for NaN."""
+    present = ~np.isnan(values)
+    made = np.full(len(values), np.nan)
+    order = np.argsort(np.argsort(values[present], kind="stable"), kind="stable")
+    made[present] = order / max(1, len(order) - 1)
+    return made
 
 
 def dependences(parameters: Sequence[np.ndarray], metric: np.ndarray) -> np.ndarray:
     """Returns how much the metric `(n,)` depends on each parameter `(n,)`, in a relation of any shape `(parameters,)`.
 
-    The share is √(1 − e^(−2I)) of the mutual information I (Linfoot, 1957), which is 0 for independent values, 1 where
-    one determines the other, and the magnitude of the correlation of normal values. I is that of equally frequent
-    bins, less its bias of Miller and Madow.
+    The share is √(1 − e^(−2I)) of the mutual information I (Linfoot, 1957), which is 0 for independent values, and the
+    magnitude of the correlation of normal values. I is that of equally frequent bins, less its bias of Miller and
+    Madow. Few values or bins limit I, so the share is divided by that of the limit: it is 1 where one value determines
+    the other.
 
     Points at which either is not finite are omitted. The result is NaN for constant values or fewer than three points.
     """
-    return _of_each(parameters, metric, lambda a, b: np.sqrt(1 - np.exp(-2 * _mutual_information(a, b))))
+    return _of_each(parameters, metric, _dependence)
 
 
 def _of_each(
@@ -162,15 +168,22 @@ def _of_each(
     return made
 
 
-def _mutual_information(a: np.ndarray, b: np.ndarray) -> float:
-    """Returns the mutual information of two variables [nat], at least 0."""
-    counts = np.zeros([_binned(each).max() + 1 for each in (a, b)])
-    np.add.at(counts, (_binned(a), _binned(b)), 1)
+def _dependence(a: np.ndarray, b: np.ndarray) -> float:
+    bins = _binned(a), _binned(b)
+    counts = np.zeros([each.max() + 1 for each in bins])
+    np.add.at(counts, bins, 1)
     joint = counts / len(a)
-    both = joint.sum(axis=1, keepdims=True) * joint.sum(axis=0, keepdims=True)
-    found = joint > 0
-    bias = (found.sum() - (joint.sum(axis=1) > 0).sum() - (joint.sum(axis=0) > 0).sum() + 1) / (2 * len(a))
-    return max(0.0, float((joint[found] * np.log(joint[found] / both[found])).sum()) - max(0.0, float(bias)))
+    ends = [joint.sum(axis=1), joint.sum(axis=0)]
+    limit = min(map(_entropy, ends))
+    bias = (np.count_nonzero(joint) - np.count_nonzero(ends[0]) - np.count_nonzero(ends[1]) + 1) / (2 * len(a))
+    information = sum(map(_entropy, ends)) - _entropy(joint) - max(0.0, bias)
+    return math.sqrt(math.expm1(-2 * min(max(0.0, information), limit)) / math.expm1(-2 * limit))
+
+
+def _entropy(shares: np.ndarray) -> float:
+    """Returns the entropy of a variable with these probabilities [nat]."""
+    some = shares[shares > 0]
+    return -float((some * np.log(some)).sum())
 
 
 def _binned(values: np.ndarray) -> np.ndarray:

@@ -136,6 +136,24 @@ def test_indices_of_sensitivity_have_the_intervals_of_their_table() -> None:
         drawn(study, log="y")
 
 
+def test_parameters_are_in_the_order_of_their_indices_beside_a_constant_metric() -> None:
+    a, b = STEP, SEED
+    nothing = {index: {"a": np.nan, "b": np.nan} for index in ("first", "total")}
+    known = {index: {"a": 0.25, "b": 0.75} for index in ("first", "total")}
+    for order in (("constant", "z"), ("z", "constant")):
+        metrics = {name: np.ones(63) if name == "constant" else DRIFT for name in order}
+        study = replace(results({"a": a, "b": b}, metrics), sensitivity={"constant": nothing, "z": known})
+        for panel in drawn(study).panels:
+            assert isinstance(panel, SensitivityPanel)
+            assert list(panel.parameters) == ["b", "a"]
+
+
+def test_a_study_whose_metrics_have_no_indices_is_drawn_as_any_other() -> None:
+    samples = {"samples": {"a": 4.0, "b": 4.0}}  # the columns of indices are left out if all of them are undefined
+    study = replace(results({"a": STEP, "b": SEED}, {"z": np.ones(63)}), sensitivity={"z": samples})
+    assert not any(isinstance(panel, SensitivityPanel) for panel in drawn(study).panels)
+
+
 def test_few_random_parameters_are_dots_and_x_may_be_a_metric() -> None:
     rng = np.random.default_rng(5)
     a, b = rng.random((2, 40))
@@ -176,6 +194,15 @@ def test_many_parameters_are_parallel_coordinates_and_rank_correlations() -> Non
     assert list(panel.parameters) == expected.index.tolist()
     np.testing.assert_allclose(panel.correlations, expected, rtol=1e-12)
     assert plan.notes == ["kind: texts without an order have no rank correlation"]
+
+
+def test_lines_of_the_extremes_are_on_top_beside_failed_points() -> None:
+    values = np.random.default_rng(0).random((50, 4))
+    z = np.where(np.arange(50) % 5 < 2, values[:, 0], np.nan)
+    above = drawn(results(dict(zip("abcd", values.T.copy(), strict=True)), {"z": z})).above
+    assert above
+    assert set(above.values[-2:, -1]) == {np.nanmin(z), np.nanmax(z)}
+    assert above.values[30, -1] in np.sort(z)[9:11]
 
 
 def test_lines_of_many_points_are_chosen_evenly() -> None:
@@ -227,6 +254,14 @@ def test_dependence_on_normal_values_is_their_correlation_and_has_any_shape() ->
     level = np.tile([0.0, 1, 2], 9)
     assert dependences([level], (level == 1).astype(float))[0] > 0.8
     assert np.isnan(dependences([np.ones(5)], np.arange(5.0))[0])
+
+
+def test_dependence_is_one_where_one_value_determines_the_other() -> None:
+    numbers = np.arange(60.0)
+    level, ordered = numbers % 2, numbers**3
+    for a, b in ((level, 1 - level), (level, numbers % 4), (ordered, numbers)):
+        assert dependences([a], b)[0] == pytest.approx(1, abs=1e-12)
+        assert dependences([b], a)[0] == pytest.approx(1, abs=1e-12)
 
 
 def test_marks_ranges_and_labels_belong_to_their_panels() -> None:
