@@ -82,9 +82,9 @@ def edges() -> Mesh:
     return Mesh("edges", corners, None, np.array(pairs, np.uint32))
 
 
-def triangle() -> Mesh:
-    """Returns the triangle between the origin and 1 on x and y, seen from above."""
-    positions = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0)], float)
+def triangle(x: float = 0.0, y: float = 1.0) -> Mesh:
+    """Returns the triangle between the origin, 1 on the x axis and a point `(x, y)`, seen from above."""
+    positions = np.array([(0, 0, 0), (1, 0, 0), (x, y, 0)], float)
     return _mesh("triangle", positions, np.tile([0.0, 0.0, 1.0], (3, 1)), np.array([(0, 1, 2)]))
 
 

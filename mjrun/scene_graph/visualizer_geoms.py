@@ -68,7 +68,6 @@ class MeshCache:
             "arrow2": partial(meshes.double_arrow, slices),
             "line": meshes.line,
             "linebox": meshes.edges,
-            "triangle": meshes.triangle,
         }
         return self.shared(name, makers[name])
 
@@ -104,7 +103,7 @@ class VisualizerGeomRecorder:
                 kind,
                 int(geom.objid) if kind else -1,
                 name,
-                int(geom.dataid) if name in ("mesh", "sdf") else -1,
+                int(geom.dataid) if name in ("mesh", "sdf") else _corner(geom) if name == "triangle" else -1,
             )
             number = numbers[owner]
             numbers[owner] += 1
@@ -156,7 +155,9 @@ class VisualizerGeomRecorder:
             case "line":
                 found = [(self._shapes.named(name), 0.0, (1.0, 1.0, z))]
             case "triangle":
-                found = [(self._shapes.named(name), 0.0, (x, y, 1.0))]
+                corner = _corner(geom)
+                mesh = self._shapes.shared((name, corner), partial(meshes.triangle, *corner))
+                found = [(mesh, 0.0, (x, x, 1.0))]
             case _:
                 found = [(self._shapes.named(name), 0.0, (x, y, z))]
         for textured, offset, scale in found:
@@ -190,7 +191,9 @@ class _Item:
 
     def add(self, frame: int, geom: mujoco.MjvGeom, offset: float, scale: Vector) -> None:
         """Adds the pose of a geom at a frame."""
-        matrix, quaternion = np.asarray(geom.mat, float), np.empty(4)
+        matrix, quaternion = np.array(geom.mat, float), np.empty(4)
+        if TYPES[int(geom.type)] == "triangle":  # its first two axes are its sides, at any angle
+            matrix[:, 1] = np.cross(matrix[:, 2], matrix[:, 0])
         mujoco.mju_mat2Quat(quaternion, matrix.ravel())
         self.append(frame, np.asarray(geom.pos, float) + offset * matrix[:, 2], quaternion, scale)
 
@@ -217,6 +220,15 @@ class _Item:
             scale=tuple(scales[0].tolist()),
         )
         return node, Track(index, frames, positions, quaternions, scales, smooth)
+
+
+def _corner(geom: mujoco.MjvGeom) -> tuple[float, float]:
+    """Returns the third corner of a triangle whose first ones are 0 and 1 on the x axis, and whose normal is z."""
+    sides = np.asarray(geom.mat, float)
+    ratio = float(geom.size[1] / geom.size[0]) if geom.size[0] else 0.0
+    across = np.cross(sides[:, 2], sides[:, 0])
+    right, up = (ratio * float(sides[:, 1] @ axis) for axis in (sides[:, 0], across))
+    return round(right, 5), round(up, 5)
 
 
 def _with_absences(frames: np.ndarray, rows: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mjrun.model.mujoco_globals import collected_warnings
-from mjrun.scene_graph.graph import SceneGraph, SceneMotion, Track
+from mjrun.scene_graph.graph import Material, SceneGraph, SceneMotion, Track
 from mjrun.scene_graph.recorder import FLAGS, SceneContentSettings, compute_poses, record_scene
 from mjrun.scene_graph.visualizer_geoms import MOST
 from tests.cases import mjcf
@@ -22,6 +22,7 @@ DROP = """
 </mujoco>
 """
 CLOTH = mjcf("cloth")
+MATTE = Material("matte", (1.0, 1.0, 1.0, 1.0), 0.0, 1.0)
 
 
 def recorded(
@@ -119,6 +120,33 @@ def test_a_scene_grows_until_everything_is_in_it_and_nobody_is_told_to_increase_
     with collected_warnings() as texts:
         _, graph, motion = recorded(xml, [0], ["com", "inertia", "joint"])
     assert (len(motion.tracks), graph.remarks, texts) == (2100, [], [])
+
+
+def test_the_pyramid_of_a_camera_has_the_corners_that_mujoco_draws() -> None:
+    xml = """<mujoco><worldbody><body><freejoint/><geom size=".1"/><camera pos="0 -1 .5" euler="80 10 0" fovy="50"
+    resolution="320 200"/></body></worldbody></mujoco>"""
+    drawn = list[np.ndarray]()
+
+    def see(data: mujoco.MjData) -> None:
+        scene, options = mujoco.MjvScene(data.model, 1000), mujoco.MjvOption()
+        options.flags[FLAGS["camera"]] = 1
+        mujoco.mjv_updateScene(data.model, data, options, None, mujoco.MjvCamera(), 7, scene)
+        triangles = [geom for geom in scene.geoms[: scene.ngeom] if geom.type == mujoco.mjtGeom.mjGEOM_TRIANGLE]
+        corners = [(0 * geom.pos, geom.size[0] * geom.mat[:, 0], geom.size[1] * geom.mat[:, 1]) for geom in triangles]
+        drawn.append(np.array(corners) + np.array([geom.pos for geom in triangles])[:, None])
+
+    _, graph, motion = recorded(xml, [0, 40], ["camera"], see)
+    nodes = {track.node: graph.nodes[track.node] for track in motion.tracks}
+    tracks = [track for track in motion.tracks if (nodes[track.node].material or MATTE).two_sided]
+    assert len(tracks) == len(drawn[0]) > 3
+    for frame, expected in enumerate(drawn):
+        for track, corners in zip(tracks, expected, strict=True):
+            rotation = np.empty(9)
+            mujoco.mju_quat2Mat(rotation, track.quaternions[frame])
+            mesh = nodes[track.node].mesh
+            assert mesh
+            shape = mesh.positions * track.scales[frame]
+            assert np.allclose(shape @ rotation.reshape(3, 3).T + track.positions[frame], corners, atol=1e-4)
 
 
 def test_names_cannot_be_drawn_and_the_user_is_told() -> None:
