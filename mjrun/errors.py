@@ -12,6 +12,7 @@ from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import field
 from pathlib import Path
+from types import TracebackType
 from typing import Any, NamedTuple, cast
 
 from mjrun.dataclass import dataclass
@@ -455,14 +456,32 @@ class ControllerError(UsageError):
     @classmethod
     def of(cls, what: str, error: BaseException) -> "ControllerError":
         """Reports that `what` raised `error`, with the traceback from the first line of the user's code."""
-        kind = type(error).__name__
         import traceback
 
-        trace = error.__traceback__
-        while trace and trace.tb_frame.f_globals.get("__name__", "").partition(".")[0] in ("mjrun", "importlib"):
-            trace = trace.tb_next
-        lines = "".join(traceback.format_exception(type(error), error, trace)).splitlines()
-        return cls("\n".join([f"{what} raised {kind}: {clean(str(error))}", *map(clean, lines)]))
+        lines = "".join(traceback.format_exception(type(error), error, _traceback_of_user(error))).splitlines()
+        return cls("\n".join([f"{what} raised {exception_text(error)}", *map(clean, lines)]))
+
+
+def exception_text(error: BaseException) -> str:
+    """Returns the class, message and place of an exception, on one line: `IndexError: no index (policy.py:3)`.
+
+    The place is the last line in the file in which the user's code begins; for a bug in mjrun, the line that raised.
+    """
+    import traceback
+
+    users, frames = traceback.extract_tb(_traceback_of_user(error)), traceback.extract_tb(error.__traceback__)
+    frames = [frame for frame in users if frame.filename == users[0].filename] or frames
+    message = " ".join(str(error).split())
+    place = f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else ""
+    return clean(f"{type(error).__name__}{message and ': '}{message}{place}")
+
+
+def _traceback_of_user(error: BaseException) -> TracebackType | None:
+    """Returns the traceback of an exception from the first line that is not mjrun's; None without one."""
+    trace = error.__traceback__
+    while trace and trace.tb_frame.f_globals.get("__name__", "").partition(".")[0] in ("mjrun", "importlib"):
+        trace = trace.tb_next
+    return trace
 
 
 class CompiledOverrideError(UsageError):

@@ -20,7 +20,6 @@ from functools import partial
 from importlib import import_module
 from multiprocessing import AuthenticationError
 from multiprocessing.connection import Client, Connection, Listener, Pipe, wait
-from pathlib import Path
 from typing import Any, Literal, NamedTuple, NoReturn, cast
 
 from mjrun.child_process import (
@@ -34,7 +33,7 @@ from mjrun.child_process import (
     python_call,
 )
 from mjrun.dataclass import dataclass
-from mjrun.errors import MjrunError, clean
+from mjrun.errors import MjrunError, exception_text
 from mjrun.platform import system
 
 ACCEPT_INTERVAL = 0.05  # [s] between two looks at whether a process that is to connect has ended
@@ -69,9 +68,7 @@ class PicklableException:
         trace = "".join(traceback.format_exception(error))
         if isinstance(error, MjrunError):
             return cls(type(error), error.args, dict(vars(error)), trace)
-        where = traceback.extract_tb(error.__traceback__)[-1]
-        place = f"{Path(where.filename).name}:{where.lineno}"
-        return cls(None, (f"{type(error).__name__}: {clean(str(error))} ({place})",), {}, trace)
+        return cls(None, (exception_text(error),), {}, trace)
 
     def error(self, beginning: str, bug: type[MjrunError] = MjrunError) -> MjrunError:
         """Returns the exception to raise in the parent: a bug is a `bug` whose message has this `beginning`."""

@@ -21,6 +21,7 @@ from mjrun.errors import (
     UsageError,
     clean,
     concerning,
+    exception_text,
     flag,
     option,
     quoted,
@@ -173,7 +174,7 @@ class PointResult:
         """
         status: Status = "unstable" if isinstance(error, UnstableError | UnstableWorldError) else "failed"
         code = error.exit_code if isinstance(error, MjrunError) else BUG
-        text = error.spelled(flag) if isinstance(error, MjrunError) else f"{type(error).__name__}: {error}"
+        text = error.spelled(flag) if isinstance(error, MjrunError) else exception_text(error)
         text = snapshot.with_original_names(text) if snapshot else text
         return cls(index, status, (math.nan,) * metrics, steps, code, text, wall)
 

@@ -1,5 +1,6 @@
 """Controls from several things at once, against bare loops."""
 
+import json
 import math
 import sys
 import tracemalloc
@@ -275,6 +276,8 @@ def test_returned_controls_count() -> None:
         (lambda model, data: data.qvel.fill(1), "changed the state at step 0"),
         (lambda model, data: 1 / 0, "(?s)at step 0, time 0 s, raised ZeroDivisionError: .*in <lambda>"),
         (lambda model, data: sys.exit(), "raised SystemExit"),
+        (lambda model, data: next(iter(())), rf"raised StopIteration \({Path(__file__).name}:\d+\)\n"),
+        (lambda model, data: json.loads("{"), rf"raised JSONDecodeError: .* \({Path(__file__).name}:\d+\)\n"),
         (lambda data: None, r"must take \(model, data\)"),
     ],
 )

@@ -1,11 +1,13 @@
 """Every point of a study equals the simulation alone, bit for bit, with any neighbours."""
 
 import math
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from itertools import chain
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -309,6 +311,18 @@ def test_controls_may_be_late_or_noisy(tmp_path: Path) -> None:
     assert [result.metrics[0] for result in results[:4]] == [0.03, 0, 0.05, 0.03]
     assert [result.metrics[1] for result in results[:4]] == [0, 0, 0, 0]
     assert results[4].metrics[1] == pytest.approx(0.5, rel=0.2)
+
+
+def test_a_point_that_an_exception_of_the_users_ends_names_its_line() -> None:
+    """Also of an exception without a message, and of one that a library raised for the user's code."""
+    code = "import json\ndef bare():\n    raise IndexError\ndef library():\n    json.loads('{')\n"
+    users: dict[str, Any] = {"__name__": "users"}
+    exec(compile(code, "/home/user/users.py", "exec"), users)
+    for name, text in (("bare", r"IndexError \(users.py:3\)"), ("library", r"JSONDecodeError: .+ \(users.py:5\)")):
+        with pytest.raises((IndexError, ValueError)) as caught:
+            users[name]()
+        caught.value.__traceback__ = caught.tb.tb_next
+        assert re.fullmatch(text, PointResult.failed(0, caught.value, 1, None).message)
 
 
 @pytest.mark.parametrize("noise", ["0", "1e-9"])  # side by side, and alone
