@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
-from typing import Self
+from typing import Self, cast
 
 import imageio_ffmpeg
 import numpy as np
@@ -31,7 +31,9 @@ from mjrun.formats.output_writer import (
     StandardOutput,
     no_space,
 )
-from mjrun.options.video import FPS
+from mjrun.options.kinds import PathKind
+from mjrun.options.option import converted, options_of
+from mjrun.options.video import FPS, VideoOptions
 from mjrun.timeline import rational
 
 DELIMITER = b"\0\0\0\1\x09"  # a NAL unit of type 9 begins each access unit of H.264; ITU-T H.264, 7.4.1.2.3
@@ -231,11 +233,18 @@ def write_video(
 
     Raises:
       ValueError: there are no frames, or one differs from the first; the message names it.
-      UsageError: the format cannot hold these frames, or the options do not fit together.
+      UsageError: an argument has the wrong type, the format cannot hold these frames, or the options do not fit
+        together.
       FileError: the video cannot be written.
       EncoderError: the encoder failed.
     """
-    output, rate = str(path), _rate(fps)
+    output = converted("path", PathKind(written=True, stored=True, streamed=True), path)
+    kinds, rate = {each.name: each.kind for each in options_of(VideoOptions)}, _rate(fps)
+    given = {"format": format, "codec": codec, "crf": crf, "preset": preset}
+    values = [value if value is None else converted(name, kinds[name], value) for name, value in given.items()]
+    format, codec, crf, preset = values  # noqa: A001
+    if not isinstance(cast("object", frames), Iterable):
+        raise BadValueError("frames", type(frames).__name__, "an iterable of arrays")
     container_name(output, format)  # fails before the first frame is drawn
     checked = _checked(frames)
     first = next(checked, None)
@@ -413,7 +422,7 @@ class VideoWriter(OutputWriter):
 def _rate(fps: float | str | Fraction) -> Fraction:
     try:
         rate = rational(fps)
-    except ValueError:
+    except (TypeError, ValueError):
         rate = Fraction(0)
     if rate <= 0:
         raise BadValueError(option("fps"), fps, "a positive number")

@@ -27,9 +27,10 @@ from mjrun.task.episode import Ending
 from mjrun.task.expressions import RUNNING
 from mjrun.task.single_world import SingleWorld
 from mjrun.task.task import Task
-from mjrun.task.worlds import TaskStep, TaskWorlds, action_array
+from mjrun.task.worlds import LARGEST_SEED, TaskStep, TaskWorlds, action_array
 
 ID = "mjrun/Task-v0"
+SEED = IntegerKind(most=LARGEST_SEED)
 SEEDS = 2**31  # the range of drawn seeds
 SQUASHED = 5.0  # tanh is ±1 to within 1e-4 beyond it, so that these bounds lose nothing
 TaskLike = Task | str | PathLike[str]
@@ -243,7 +244,12 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def reset(  # type: ignore[override]
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Begins an episode in every world, or in those of the option `reset_mask` `(num_envs,)` bool."""
+        """Begins an episode in every world, or in those of the option `reset_mask` `(num_envs,)` bool.
+
+        Raises:
+          BadValueError: a seed is not a whole number from 0 to 2**63 - 1.
+          ValueError: the number of seeds, or the mask, does not fit the number of worlds.
+        """
         seeds = self._seeds(seed)
         mask = self._mask(options or {})
         worlds = self._all if mask is None else np.flatnonzero(mask)
@@ -325,11 +331,12 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def _seeds(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:
         if seed is None:
             return [None] * self.num_envs
-        if isinstance(seed, int | np.integer):
-            return [int(seed) + world for world in range(self.num_envs)]
-        if len(seed) != self.num_envs:
-            raise ValueError(f"{len(seed)} seeds for {self.num_envs} worlds")
-        return seed
+        if isinstance(seed, Sequence | np.ndarray) and not isinstance(seed, str):
+            if len(seed) != self.num_envs:
+                raise ValueError(f"{len(seed)} seeds for {self.num_envs} worlds")
+            return [None if each is None else converted("seed", SEED, each) for each in seed]
+        first: int = converted("seed", SEED, seed)
+        return [first + world for world in range(self.num_envs)]
 
     def _mask(self, options: dict[str, Any]) -> np.ndarray | None:
         """Returns the mask of worlds to be reset; None for all."""

@@ -382,6 +382,28 @@ def test_what_cannot_be_written_is_reported_before_a_second_frame_is_drawn(tmp_p
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("argument", "value", "expected"),
+    [
+        ("path", None, "the name of a file"),
+        ("path", 3, "the name of a file"),
+        ("frames", None, "an iterable of arrays"),
+        ("fps", None, "a positive number"),
+        ("crf", "x", "a whole number"),
+        ("codec", 3, "text"),
+        ("format", 3, "text"),
+    ],
+)
+def test_an_argument_of_another_type_is_refused_by_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, argument: str, value: object, expected: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    arguments: dict[str, Any] = {"path": "f.mp4", "frames": [GOOD], argument: value}
+    with pytest.raises(UsageError, match=f"^{argument}: .* is not {expected}"):
+        write_video(**arguments)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_source_of_frames_that_fails_leaves_the_old_video(tmp_path: Path) -> None:
     def failing() -> Iterator[np.ndarray]:
         yield from [GOOD, GOOD]

@@ -322,6 +322,9 @@ def test_values_that_do_not_fit_are_refused_by_name(tmp_path: Path) -> None:
     for env in (mjrun.gym.make(task), mjrun.gym.make_vec(task, 2)):
         with pytest.raises(UsageError, match=r"^seed: '1180591620717411303424' is not a whole number from 0 to"):
             env.reset(seed=2**70)
+    for seed, wrong in ((1.5, "1.5"), ("7", "7"), ([1, 1.5], "1.5"), ([1, "x"], "x")):
+        with pytest.raises(UsageError, match=f"^seed: '{wrong}' is not a whole number from 0 to"):
+            mjrun.gym.make_vec(task, 2).reset(seed=seed)  # type: ignore[arg-type]
 
 
 def test_a_refused_action_of_one_world_skips_no_episode_of_another(tmp_path: Path) -> None:
