@@ -66,8 +66,8 @@ class CheckResult:
       unchanged: the number of models that were not checked, as they have not changed since a commit.
       fixed: the files that were fixed, or would be in a dry run; the findings are those after that.
       written: true if they were written.
-      code: the exit code: 3 if a model does not load, unless that is known; 1 if a finding is at or above `fail_on`,
-        or a dry run would fix something; else 0.
+      code: the exit code: 7 if a fix cannot be written; 3 if a model does not load, unless that is known; 1 if a
+        finding is at or above `fail_on`, or a dry run would fix something; else 0.
       errors, warnings, notes: the number of findings of each severity.
     """
 
@@ -226,6 +226,8 @@ class ModelCheck(PolicyOptions, CheckOptions):
         gone = 0 if known is None else known.gone([result.model for result in results], self.codes)
         files = tuple(fixing.files) if fixing else ()
         code = self._exit_code(results) or int(self.dry_run and bool(files))
+        if fixing and fixing.has_failed:
+            code = FileError.exit_code
         written = bool(files) and not self.dry_run
         return CheckResult(tuple(results), skipped, code, gone, found - len(paths), files, written)
 

@@ -86,6 +86,7 @@ class ModelFixer:
 
     Attributes:
       files: the files that were fixed, or would be in a dry run.
+      has_failed: whether the system refused to write a file.
     """
 
     def __init__(
@@ -100,6 +101,7 @@ class ModelFixer:
         self._trees = {os.path.realpath(path if is_folder(path) else path.parent) for path in named}
         self._groups = _groups(models)
         self.files: list[FixedFile] = []
+        self.has_failed = False
 
     def fixed(self, results: Sequence[ModelCheckResult], *, dry_run: bool) -> list[ModelCheckResult]:
         """Fixes the models, unless this is a dry run, and returns the results after that."""
@@ -123,7 +125,10 @@ class ModelFixer:
         if changed and not obstacles and self._before:
             self._report(group, attempt, results, self._before)
         if changed and not obstacles and not dry_run:
-            obstacles = list(_replace(group, attempt.texts))
+            try:
+                obstacles = list(_replace(group, attempt.texts))
+            except FileError as error:
+                obstacles, self.has_failed = [(group.models[0], str(error))], True
         if obstacles:
             attempt, changed = _Attempt(group.texts, [], list(results)), []
         self.files += [_fixed_file(group, attempt, file) for file in changed]
@@ -317,21 +322,22 @@ def _obstacle(file: str, is_new: bool) -> str:
 
 
 def _replace(group: _Group, texts: Mapping[str, bytes]) -> Iterator[tuple[str, str]]:
-    """Replaces all files whose text is new, together; yields the file and the reason if that is not possible."""
+    """Replaces all files whose text is new, together; yields the file and the reason if one has changed meanwhile.
+
+    Raises:
+      FileError: a file cannot be written; none is replaced.
+    """
     changed = [file for file, text in texts.items() if _now(file) not in (text, group.texts.get(file))]
     if changed:
         yield _shown(group, changed[0]), f"it changed meanwhile; {RUN_AGAIN}"
         return
-    try:
-        with ExitStack() as stack:
-            writers = [
-                stack.enter_context(_rewritten(Path(_shown(group, file)), text))
-                for file, text in texts.items()
-                if text != _now(file)
-            ]
-            publish_together(writers)
-    except FileError as error:
-        yield group.models[0], str(error)
+    with ExitStack() as stack:
+        writers = [
+            stack.enter_context(_rewritten(Path(_shown(group, file)), text))
+            for file, text in texts.items()
+            if text != _now(file)
+        ]
+        publish_together(writers)
 
 
 @contextmanager

@@ -223,7 +223,8 @@ def _failure(error: BaseException) -> FailureReport:
             if (cause := cause_of(error)) is not None:
                 return FailureReport.of(cause)
             if isinstance(error, FileNotFoundError) and not _has_working_folder():
-                return FailureReport.of(FileError(os.curdir, "the working folder has been removed"))
+                removed = FileError(os.curdir, "the working folder has been removed", "cd to another folder first")
+                return FailureReport.of(removed)
             return FailureReport("InternalError", _bug_message(error), BUG)
         case _:
             raise error

@@ -1,5 +1,7 @@
 """Theorems about fixes of models; those of single rules are in `rules/test_fixes.py`."""
 
+import errno
+import os
 import subprocess
 import sys
 import zipfile
@@ -207,6 +209,22 @@ def test_fixes_of_the_command_are_those_of_the_processes() -> None:
     assert result.fixed[0].fixes == {"MJ105": 1, "MJ302": 1}
     assert codes(result.models[0]) == []
     assert mujoco.MjModel.from_xml_path(model).jnt_limited[0]
+    assert [path.name for path in Path().iterdir()] == [model]
+
+
+def test_fixes_that_a_full_disk_refuses_change_nothing_and_exit_as_a_failed_output(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    model = write("model.xml", text := hinged(SWAPPED))
+    monkeypatch.setattr("mjrun.formats.output_writer.os.fsync", full)
+    result = ModelCheck([model], fix=True, steps=0).run()
+    (reason,) = (finding.message for finding in result.models[0].findings if finding.code == "MJ007")
+    assert reason.endswith("cannot be written: No space left on device")
+    assert (result.code, result.written) == (7, False)
+    assert Path(model).read_text() == text
     assert [path.name for path in Path().iterdir()] == [model]
 
 

@@ -166,10 +166,16 @@ def test_a_working_folder_that_has_been_removed_is_no_bug(mjrun_here: Command, s
     mjrun_here.folder.rmdir()
     document = swing.with_name("swing.yaml")
     document.write_text(f"model: {swing}\nduration: 0.1\ntraces: [{{output: a.csv}}]\n")
-    for command in (("trace", swing, "--steps", "1", "-o", "a.csv"), ("run", document, "-o", "out")):
+    for command in (
+        ("trace", swing, "--steps", "1", "-o", "a.csv"),
+        ("run", document, "-o", "out"),
+        ("check", swing),
+        ("sweep", swing, "--vary", "timestep=0.001,0.002", "--steps", "1", "-o", swing.with_name("study")),
+        ("trace", swing, "--steps", "1", "-o", swing.with_name("a.csv"), "--if-changed"),
+    ):
         done = mjrun_here(*command)
         assert done.returncode == 7
-        assert done.stderr == b"mjrun: error: .: the working folder has been removed\n"
+        assert done.stderr == b"mjrun: error: .: the working folder has been removed\n  cd to another folder first\n"
 
 
 def test_a_simulation_that_needs_more_memory_than_there_is_is_no_bug(
