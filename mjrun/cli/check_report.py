@@ -40,7 +40,7 @@ def check_report(result: CheckResult) -> CommandReport:
         "check",
         result,
         text=lambda: "\n".join(lines(result, linked_code if shows_links(sys.stdout) else str)),
-        summary=lambda: summary(result),
+        summary=lambda: "\n".join(folded_words(summary(result), terminal_width(), "", MESSAGE)),
         forms={
             "sarif": lambda: sarif(result),
             "statistics": lambda: "\n".join(statistics(result)),

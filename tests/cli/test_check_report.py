@@ -1,6 +1,7 @@
 """Theorems about the reports of `mjrun check`."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, urlsplit
@@ -178,3 +179,11 @@ def test_findings_are_folded_to_the_width_of_the_terminal(monkeypatch: pytest.Mo
     assert max(map(len, folded["40"])) <= 40
     assert len(folded["0"]) == 2
     assert " ".join(" ".join(folded["40"]).split()) == " ".join(" ".join(folded["0"]).split())
+
+    summaries = dict[str, str]()
+    for width in ("40", "0"):
+        monkeypatch.setenv("COLUMNS", width)
+        summaries[width] = check_report.check_report(replace(result(found), skipped=3, gone=5)).summary()
+    assert max(map(len, summaries["40"].splitlines())) <= 40
+    assert "\n" not in summaries["0"]
+    assert summaries["40"].split() == summaries["0"].split()
