@@ -128,6 +128,18 @@ def _free_camera(model: mujoco.MjModel) -> tuple[float, ...]:
 
 _renderers: OrderedDict[tuple[int, int, tuple[int, int], str], _CachedRenderer] = OrderedDict()
 _lock = threading.Lock()
+_local = threading.local()
+
+
+class _EndOfThread:
+    """The only reference to it is local to a thread: Python deletes it in that thread, as the thread ends."""
+
+    def __init__(self) -> None:
+        self._thread = threading.get_ident()
+
+    def __del__(self) -> None:
+        for key in [key for key in [*_renderers] if key[0] == self._thread]:
+            _renderers.pop(key).renderer.close()
 
 
 def _cached_renderer(model: mujoco.MjModel, size: tuple[int, int], visual: Visual) -> _CachedRenderer:
@@ -139,6 +151,7 @@ def _cached_renderer(model: mujoco.MjModel, size: tuple[int, int], visual: Visua
             _renderers.pop(key).renderer.close()
         if key not in _renderers:
             _renderers[key] = _CachedRenderer(model, (width, height), visual)
+            _local.end = getattr(_local, "end", None) or _EndOfThread()
             atexit.unregister(close_renderers)
             atexit.register(close_renderers)  # after the backend's handlers, and so run before them
         _renderers.move_to_end(key)

@@ -5,6 +5,7 @@ import gc
 import os
 import subprocess
 import sys
+import threading
 import warnings
 from pathlib import Path
 
@@ -193,6 +194,32 @@ def test_a_fork_of_a_process_that_has_rendered_refuses_instead_of_hanging(
             os._exit(0)
     os.waitpid(child, 0)
     assert "fork of one that has used OpenGL" in (tmp_path / "error").read_text()
+
+
+def test_renderers_of_threads_that_have_ended_are_freed(model: mujoco.MjModel) -> None:
+    """Threads that live at the same time have different numbers, so that none of them reuses the renderer of another.
+
+    A renderer holds a reference to the model, and so does the caller.
+    """
+    image = mjrun.render(model, moved(model), "top", SIZE)
+    references, images, together = sys.getrefcount(model), list[np.ndarray](), threading.Barrier(6)
+
+    def work() -> None:
+        data = moved(model)
+        together.wait()
+        images.append(mjrun.render(model, data, "top", SIZE))
+        together.wait()
+
+    for _ in range(2):
+        threads = [threading.Thread(target=work) for _ in range(6)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    gc.collect()
+    assert sys.getrefcount(model) <= references
+    assert len(images) == 12
+    assert all(np.array_equal(each, image) for each in images)
 
 
 def test_what_is_not_there_is_refused(model: mujoco.MjModel) -> None:
