@@ -105,10 +105,12 @@ def _first_rows(columns: Sequence[ReportColumn]) -> list[ReportColumn]:
 
 def _last_line(result: "StudyResult") -> str:
     """Formats the numbers of points, and the wall time."""
-    from mjrun.study.results import status_counts
+    from mjrun.study.results import FINAL, status_counts
 
     before = result.points - result.simulated - result.statuses.get("missing", 0)
     known = f", {before:,} of them known before" if before else ""
+    if before and result.statuses.keys() - {*FINAL, "missing"}:
+        known += ": --retry-failed repeats those that failed"
     points = f"{result.points:,} point{'' if result.points == 1 else 's'}"
     return f"{clean(result.path)}: {points} ({status_counts(result.statuses)}){known}; {result.wall:.1f} s"
 

@@ -286,3 +286,33 @@ def test_an_untrusted_model_is_swept_from_copies_and_reads_nothing_else(mjrun: C
     refused = mjrun("sweep", "nosy.xml", *varied)
     assert refused.returncode == 3
     assert b"nosy.xml:1: '/etc/hostname' is outside the folder that files are read from" in refused.stderr
+
+
+def test_failed_points_are_repeated_if_the_controller_changed_and_on_request_if_a_file_that_it_opens_did(
+    mjrun_here: Command,
+) -> None:
+    (mjrun_here.folder / "m.xml").write_text(
+        "<mujoco><worldbody><body><joint name='j'/><geom size='1'/></body></worldbody>"
+        "<actuator><motor joint='j'/></actuator></mujoco>"
+    )
+    code, gain = mjrun_here.folder / "code.py", mjrun_here.folder / "gain.txt"
+    code.write_text(f"def act(model, data):\n    return [float(open({str(gain)!r}).read()) if data.time else 0]\n")
+    gain.write_text("strong")
+
+    def ended(*options: str) -> tuple[int, bytes]:
+        vary = ("--vary", "qvel/j=1,2", "--steps", "3", "--controller", "code.py:act", "-o", "study", "--jobs", "1")
+        done = mjrun_here("sweep", "m.xml", *vary, *options)
+        return done.returncode, done.stdout.splitlines()[-1].partition(b";")[0]
+
+    assert ended() == (8, b"study: 2 points (2 failed)")
+    gain.write_text("1")
+    assert ended() == (
+        8,
+        b"study: 2 points (2 failed), 2 of them known before: --retry-failed repeats those that failed",
+    )
+    gain.write_text("weak")
+    code.write_text(code.read_text().replace("else 0", "else 1"))
+    assert ended() == (8, b"study: 2 points (2 failed)")
+    code.write_text("def act(model, data):\n    return [1]\n")
+    assert ended() == (0, b"study: 2 points (2 ok)")
+    assert ended() == (0, b"study: 2 points (2 ok), 2 of them known before")
