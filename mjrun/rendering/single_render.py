@@ -135,11 +135,11 @@ class _EndOfThread:
     """The only reference to it is local to a thread: Python deletes it in that thread, as the thread ends."""
 
     def __init__(self) -> None:
-        self._thread = threading.get_ident()
+        self._thread, self._renderers = threading.get_ident(), _renderers  # globals are gone when Python ends
 
     def __del__(self) -> None:
-        for key in [key for key in [*_renderers] if key[0] == self._thread]:
-            _renderers.pop(key).renderer.close()
+        for key in [key for key in [*self._renderers] if key[0] == self._thread]:
+            self._renderers.pop(key).renderer.close()
 
 
 def _cached_renderer(model: mujoco.MjModel, size: tuple[int, int], visual: Visual) -> _CachedRenderer:

@@ -233,6 +233,8 @@ def test_what_is_not_there_is_refused(model: mujoco.MjModel) -> None:
 def test_nothing_is_printed_when_the_interpreter_ends() -> None:
     code = f"import mujoco, mjrun; m = mujoco.MjModel.from_xml_string({XML!r}); d = mujoco.MjData(m)"
     code += "; print(mjrun.render(m, d, 'top').shape, mjrun.render(m, d, 'top', (8, 8), 'depth').shape)"
+    code += "; import mjrun.rendering.single_render as s; s.close_renderers()"
+    code += "; [setattr(s, name, None) for name in [*vars(s)]]"  # which Python may do before it ends the thread
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment)
     assert (done.returncode, done.stdout, done.stderr) == (0, "(480, 640, 3) (8, 8)\n", "")
