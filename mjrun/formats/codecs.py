@@ -139,6 +139,9 @@ EXACT = ("ffv1-gray16", "png-gray16")
 CONTENT_NAMES = {"ids": "the colours of a segmentation without loss", "exact": "numbers of 16 bits"}
 CONTENTS = {"video": tuple(codec for codec in CODECS if codec not in EXACT), "ids": LOSSLESS, "exact": EXACT}
 WEBP_FPS = 90  # readers take delays of 10 ms or less for 100 ms
+AV1_FPS = 240  # SVT-AV1 refuses more
+GIF_DELAY = Fraction(65535, 100)  # [s]; a delay is 16 bits of hundredths
+APNG_FPS = 65535  # a delay is a quotient of 16-bit numbers
 SLOWEST, FASTEST = Fraction(1, 1000), 1_000_000  # frames per second that ffmpeg and every container support
 
 
@@ -178,6 +181,13 @@ class VideoEncoding:
             raise BadValueError(
                 option("fps"), fps, f"possible in a WebP, whose frames last 11 ms or more: at most {WEBP_FPS}"
             )
+        if self.codec == "av1" and fps > AV1_FPS:
+            raise BadValueError(option("fps"), fps, f"possible with AV1, whose encoder takes at most {AV1_FPS}")
+        if self.format == "apng" and fps > APNG_FPS:
+            raise BadValueError(option("fps"), fps, f"possible in an APNG: at most {APNG_FPS:,}")
+        if self.format == "gif" and 1 / fps > GIF_DELAY:
+            delay = f"{float(GIF_DELAY):g} s"
+            raise BadValueError(option("fps"), fps, f"possible in a GIF, whose frames last {delay} or less")
         if self.format == "gif" and ((100 / fps).denominator != 1 or fps > 50):
             raise BadValueError(
                 option("fps"), fps, "possible in a GIF, whose delays are hundredths: 50, 100/3, 25, 20, 10"

@@ -84,7 +84,8 @@ def source(path: str | Path, suffix: str) -> tuple[list[str], str]:
 def raw_frames(pixel_format: str, size: tuple[int, int], fps: Fraction) -> list[str]:
     """Returns the arguments before `-i` that describe frames without a header, in a pixel format of `codecs`."""
     width, height = size
-    return ["-f", "rawvideo", "-pix_fmt", pixel_format, "-s", f"{width}x{height}", "-framerate", str(fps)]
+    # -framerate would be replaced by a common rate near it: 125 by 120 in a short video.
+    return ["-f", "rawvideo", "-pix_fmt", pixel_format, "-s", f"{width}x{height}", "-r", str(fps)]
 
 
 def run(*arguments: str) -> FfmpegResult:

@@ -64,6 +64,24 @@ def test_a_webp_refuses_delays_that_readers_take_for_none() -> None:
         encoding("film.webp").check_fps(Fraction(100))
 
 
+@pytest.mark.parametrize(
+    ("output", "codec", "kept", "refused", "message"),
+    [
+        ("film.gif", None, "1/655", "1/656", "whose frames last 655.35 s or less"),
+        ("film.apng", None, "65535", "65536", "in an APNG: at most 65,535"),
+        ("film.webm", "av1", "240", "241", "with AV1, whose encoder takes at most 240"),
+        ("film.mp4", "av1", "240", "250", "with AV1, whose encoder takes at most 240"),
+    ],
+)
+def test_a_rate_beyond_the_limit_of_a_format_is_refused(
+    output: str, codec: str | None, kept: str, refused: str, message: str
+) -> None:
+    chosen = encoding(output, codec=codec)
+    chosen.check_fps(Fraction(kept))
+    with pytest.raises(BadValueError, match=message):
+        chosen.check_fps(Fraction(refused))
+
+
 def test_the_default_rate_is_one_that_the_format_keeps() -> None:
     for name in CONTAINERS:
         chosen = encoding(None if name == "rgb" else f"film_%d.{name}", "rgb" if name == "rgb" else None)

@@ -187,6 +187,16 @@ def test_rates_are_kept_exactly(tmp_path: Path, decode: Callable) -> None:
     assert decode(tmp_path / "f.mp4").fps == 29.97
 
 
+@pytest.mark.parametrize("name", ["f.mp4", "f.mov", "f.apng"])
+@pytest.mark.parametrize("fps", ["125", "250", "119.88", "999/8"])  # close to common rates
+def test_frame_k_of_a_short_video_is_shown_at_k_over_the_rate(tmp_path: Path, name: str, fps: str) -> None:
+    write(str(tmp_path / name), frames(5), fps=Fraction(fps))
+    arguments = ["-i", str(tmp_path / name), "-vf", "showinfo", "-fps_mode", "passthrough", "-f", "null", "-"]
+    log = subprocess.run([imageio_ffmpeg.get_ffmpeg_exe(), *arguments], capture_output=True, text=True).stderr
+    times = [float(time) for time in re.findall(r"pts_time:(\S+)", log)]
+    assert times == pytest.approx([k / Fraction(fps) for k in range(5)], abs=2e-5)  # APNGs are read in 10 µs
+
+
 def test_quality_and_effort_reach_the_encoder(tmp_path: Path) -> None:
     noise = np.random.default_rng(0).integers(0, 255, (6, 48, 64, 3), np.uint8)
     sizes = {}
