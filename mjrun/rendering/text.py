@@ -50,6 +50,7 @@ _SUBSTITUTES = str.maketrans({"\xa0": " ", "\u202f": " ", "⋅": "·", "∥": "�
 _ACCENTS = r"\u0300-\u036f\u1ab0-\u1aff\u1dc0-\u1dff\u20d0-\u20ff"  # the combining characters of Unicode
 _CLUSTER = re.compile(f"[^{_ACCENTS}][{_ACCENTS}]*|.")  # a letter and the accents that follow it
 _MINUS = re.compile(r"(?<!\w)-(?=\.?\d)|(?<=\de)-(?=\d)")
+_VAST = re.compile(r"[1-9]\d{3}")  # a width or a precision of more than 999 characters
 _PADDING = re.compile(r"(?<=\s)\s|^\s", re.MULTILINE)
 
 
@@ -370,8 +371,14 @@ def _part(literal: str, name: str | None, form: str | None, valid: Sequence[str]
     if not column:
         raise UnknownNameError("value", name, valid, where=option("text"))
     form = whole[len(column) + 1 :] or BUILTIN.get(column, DEFAULT_FORMAT)
+    problem = "a value has at most 999 characters" if _VAST.search(form) else ""
+    if form.endswith("c"):  # not every number is a character
+        problem = "it is a number, not a character"
     try:
-        format(1 if column in ("frame", "step") else 1.0, form)
+        if not problem:
+            format(1 if column in ("frame", "step") else 1.0, form)
     except ValueError as error:
-        raise UsageError(f"{option('text')}: {quoted(form)} cannot format {quoted(column)}: {error}") from None
+        problem = str(error)
+    if problem:
+        raise UsageError(f"{option('text')}: {quoted(form)} cannot format {quoted(column)}: {problem}")
     return OverlayTextPart(literal, column, form)

@@ -155,6 +155,9 @@ def test_a_template_names_each_column_once_and_no_value_of_its_own() -> None:
         ("time}", UsageError, "a brace as {{"),
         ("{time:d}", UsageError, "'d' cannot format 'time'"),
         ("{frame:q}", UsageError, "'q' cannot format 'frame'"),
+        ("{step:c}", UsageError, "'c' cannot format 'step': it is a number, not a character"),
+        ("{time:99999999999}", UsageError, "'99999999999' cannot format 'time': a value has at most 999 characters"),
+        ("{time:.1000f}", UsageError, "'.1000f' cannot format 'time': a value has at most 999 characters"),
     ],
 )
 def test_a_template_that_cannot_be_filled_is_refused(text: str, kind: type, message: str) -> None:
