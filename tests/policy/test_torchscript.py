@@ -55,6 +55,64 @@ def test_memory_is_that_of_an_episode(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not INSTALLED, reason="torch is large, and not installed")
+@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::FutureWarning")
+def test_memory_without_a_reset_is_that_of_an_episode_too(tmp_path: Path) -> None:
+    import torch  # type: ignore[import-not-found]
+
+    class Buffer(torch.nn.Module):
+        def __init__(self) -> None:
+            super().__init__()
+            self.register_buffer("memory", torch.zeros(1, 2))
+
+        def forward(self, observation: torch.Tensor) -> torch.Tensor:
+            self.memory[:] = self.memory + observation
+            return self.memory
+
+    class Attributes(torch.nn.Module):
+        def __init__(self) -> None:
+            super().__init__()
+            self.count, self.memory = 0, torch.zeros(1, 2)
+
+        def forward(self, observation: torch.Tensor) -> torch.Tensor:
+            self.count += 1
+            self.memory[:] = self.memory + observation
+            return self.memory + 10 * self.count
+
+    for network, per_call in ((Buffer(), 1), (Attributes(), 11)):
+        torch.jit.script(network).save(tmp_path / "walk.pt")
+        policy = load_policy(str(tmp_path / "walk.pt"), trust=True)
+        one, other = policy.episode(0, LEFT_RIGHT), policy.episode(1, LEFT_RIGHT)
+        answers = [actor(np.ones(2))[0] / per_call for actor in (one, one, other, one)]
+        assert answers == [1, 2, 1, 3]
+
+
+@pytest.mark.skipif(not INSTALLED, reason="torch is large, and not installed")
+@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::FutureWarning")
+def test_what_does_not_act_alone_is_reported(tmp_path: Path) -> None:
+    import torch  # type: ignore[import-not-found]
+
+    class WithValue(torch.nn.Module):
+        def forward(self, observation: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+            return observation, observation.sum()
+
+    class OfWorlds(torch.nn.Module):
+        def forward(self, observation: torch.Tensor) -> torch.Tensor:
+            return observation.to(torch.bfloat16)
+
+        @torch.jit.export
+        def reset(self, worlds: torch.Tensor) -> None:
+            pass
+
+    torch.jit.script(WithValue()).save(tmp_path / "value.pt")
+    policy = load_policy(str(tmp_path / "value.pt"), trust=True)
+    with pytest.raises(UsageError, match=r"returned a tuple \(.*\), not a tensor; export"):
+        policy.episode(0, LEFT_RIGHT)(np.ones(2))
+    torch.jit.script(OfWorlds()).save(tmp_path / "worlds.pt")
+    with pytest.raises(UsageError, match=r"cannot be reset: reset\(\) is missing value for argument 'worlds'"):
+        load_policy(str(tmp_path / "worlds.pt"), trust=True).episode(0, LEFT_RIGHT)
+
+
+@pytest.mark.skipif(not INSTALLED, reason="torch is large, and not installed")
 def test_a_checkpoint_of_weights_is_told_from_a_network(tmp_path: Path) -> None:
     import torch  # type: ignore[import-not-found]
 
