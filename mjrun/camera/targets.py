@@ -237,7 +237,7 @@ class ObjectTrajectory:
     """The positions and velocities of an object at the instants of a recording.
 
     Attributes:
-      times: `(n,)` [s], in order.
+      times: `(n,)` since the recording began [s], in order.
       positions: `(n, 3)` [m], of the body's frame, the geom's or the site's.
       velocities: `(n, 3)` [m/s], in the world.
     """
@@ -296,4 +296,5 @@ def object_paths(
             row.append(np.concatenate([getattr(data, PLACES[kind])[index], velocity[3:]]))
         points.append(row)
     paths = np.array(points).reshape(len(times), len(objects), 6)
-    return [ObjectTrajectory(np.array(times), paths[:, k, :3], paths[:, k, 3:]) for k in range(len(objects))]
+    since = np.array(times) - times[0]  # the clock of a replayed recording may have begun at any time
+    return [ObjectTrajectory(since, paths[:, k, :3], paths[:, k, 3:]) for k in range(len(objects))]

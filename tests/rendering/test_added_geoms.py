@@ -203,6 +203,17 @@ def test_a_path_may_be_closer_than_the_frames() -> None:
         assert [shape(geom) for geom in added(coarse, frame)] == [shape(geom) for geom in added(fine, 10 * frame)]
 
 
+def test_a_trail_begins_with_the_recording_whatever_its_clock_shows() -> None:
+    states = recorded(10)
+    late = [np.concatenate([state[:1] + 1.5, state[1:]]) for state in states]  # the time is first in a state
+    instants, objects = 0.04 * np.arange(10), identify_objects("site:tip", MODEL)
+    (trail,), (other,) = trails(MODEL, objects, states, instants), trails(MODEL, objects, late, instants)
+    for index in (2, 9):
+        line = ends(added(trail, index))
+        assert line[-1, 1] == pytest.approx(trail.path.positions[index], abs=1e-6)
+        assert ends(added(other, index)) == pytest.approx(line, abs=1e-6)
+
+
 def test_trails_of_one_model_share_one_scale_of_speed() -> None:
     fast, slow = trails(MODEL, identify_objects("site:tip,ball", MODEL), recorded(10))  # 1.5 m/s, .5 m/s
     widths = [added(each, 9)[0].size[0] for each in (fast, slow)]
