@@ -9,11 +9,12 @@ import importlib.abc
 import importlib.machinery
 import importlib.util
 import inspect
+import os
 import pickle
 import site
 import sys
 import sysconfig
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from functools import cache, reduce
 from pathlib import Path
 from types import ModuleType
@@ -48,6 +49,19 @@ class RedirectedFunction:
             return self.forwards_to(*arguments, **keywords)
         finally:
             sys.stdout = output
+
+
+@contextlib.contextmanager
+def same_working_directory() -> Generator[None]:
+    """Returns to the working directory where code has left it, as code that reads its own files may.
+
+    Otherwise relative paths of the user's would mean other files from then on.
+    """
+    before = Path.cwd()
+    try:
+        yield
+    finally:
+        os.chdir(before)
 
 
 @dataclass(frozen=True)
@@ -354,7 +368,8 @@ def load_code(code: str, name: str, form: str) -> object:
     place, _, attribute = code.rpartition(":")
     if not place or not attribute:
         raise UsageError(f"{option(name)} {quoted(code)} names no code\n{code_of_file(Path(code)) or form}")
-    return RedirectedFunction(lambda: _load(place, attribute, name, form))()
+    with same_working_directory():
+        return RedirectedFunction(lambda: _load(place, attribute, name, form))()
 
 
 def code_of_file(path: Path) -> str:
@@ -374,7 +389,8 @@ def made(thing: object, code: str, name: str) -> object:
     if not isinstance(thing, type):
         return thing
     try:
-        return RedirectedFunction(thing)()
+        with same_working_directory():
+            return RedirectedFunction(thing)()
     except (Exception, SystemExit) as error:
         raise ControllerError.of(f"{option(name)} {quoted(code)}", error) from error
 

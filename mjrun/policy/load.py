@@ -25,7 +25,7 @@ from mjrun.formats.user_cache import FileDigestCache
 from mjrun.options.policy import BUILT_IN, NONE, RANDOM, ZERO, is_code
 from mjrun.policy.loaders import format_of, formats
 from mjrun.policy.policy import ActionSpace, Actor, Policy
-from mjrun.python_code import RedirectedFunction, code_of_file, load_code, made, own_copy
+from mjrun.python_code import RedirectedFunction, code_of_file, load_code, made, own_copy, same_working_directory
 
 STREAM = 1_886_350_441  # separates the random numbers of policies from those of tasks
 FORM = (
@@ -87,7 +87,8 @@ class PythonPolicy(Policy):
         reset = _method(instance, "reset")
         if reset:
             arguments = (seed,) if _takes_one(reset) else ()
-            self._guarded(reset)(*arguments)
+            with same_working_directory():
+                self._guarded(reset)(*arguments)
         act, predict = _method(instance, "act"), _method(instance, "predict")
         if not act and predict:
             return _predicting(self._guarded(predict), _keywords(predict))

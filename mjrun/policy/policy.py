@@ -137,8 +137,8 @@ class Policy(ABC):
         except (TypeError, ValueError) as error:
             raise ControllerError.of(policy, error) from error
         try:
-            if answer is None:  # NumPy would convert it to NaN
-                raise TypeError
+            if answer is None or np.iscomplexobj(cast("np.ndarray", answer)):
+                raise TypeError  # NumPy would convert these to NaN, and to real parts
             action = np.array(answer, np.float64).reshape(-1)  # a copy, as the policy may write into its array again
         except (TypeError, ValueError, OverflowError):  # the latter of a whole number that is no float
             kind = described_type(answer)

@@ -53,6 +53,8 @@ def test_another_number_of_numbers_shows_both_sides(answer: object) -> None:
         ("left", "a str"),
         (None, "a NoneType"),
         ({"a": 1}, "a dict"),
+        (np.array([1j, 0]), "a ndarray"),
+        ([1, 2 + 0j], "a list"),
         ([[1], [2, 3]], "a list"),
         ((np.zeros(2), None), "a tuple (ndarray, NoneType)"),
     ],
@@ -346,3 +348,25 @@ def test_an_answer_beyond_the_floats_is_an_error_of_the_policy() -> None:
     policy = load_policy(lambda observation: [10**400])
     with pytest.raises(ControllerError, match="not numbers"):
         policy.episode(0, actions)(np.zeros(1))
+
+
+def test_code_that_changes_the_working_directory_to_read_its_files_leaves_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    monkeypatch.chdir(tmp_path)
+    home = tmp_path / "elsewhere"
+    home.mkdir()
+    (home / "gain.txt").write_text("3")
+    read = f"import os, pathlib; os.chdir({str(home)!r}); gain = float(pathlib.Path('gain.txt').read_text())"
+    lines = [
+        read,
+        "class Gain:",
+        f"    def __init__(self): {read}; self.first = gain",
+        f"    def reset(self): {read}; self.second = gain",
+        "    def act(self, observation): return [self.first, self.second]",
+    ]
+    (tmp_path / "policy_elsewhere.py").write_text("\n".join(lines))
+    actor = load_policy("policy_elsewhere.py:Gain").episode(0, NAMES)
+    assert actor(np.zeros(3)).tolist() == [3, 3]
+    assert Path.cwd() == tmp_path
