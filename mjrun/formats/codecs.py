@@ -141,6 +141,7 @@ CONTENTS = {"video": tuple(codec for codec in CODECS if codec not in EXACT), "id
 WEBP_FPS = 90  # readers take delays of 10 ms or less for 100 ms
 AV1_FPS = 240  # SVT-AV1 refuses more
 GIF_DELAY = Fraction(65535, 100)  # [s]; a delay is 16 bits of hundredths
+MATROSKA_FPS = 1000  # times are whole milliseconds
 APNG_FPS = 65535  # a delay is a quotient of 16-bit numbers
 SLOWEST, FASTEST = Fraction(1, 1000), 1_000_000  # frames per second that ffmpeg and every container support
 
@@ -183,6 +184,9 @@ class VideoEncoding:
             )
         if self.codec == "av1" and fps > AV1_FPS:
             raise BadValueError(option("fps"), fps, f"possible with AV1, whose encoder takes at most {AV1_FPS}")
+        if self.format in ("mkv", "webm") and fps > MATROSKA_FPS:
+            times = f"whose times are milliseconds: at most {MATROSKA_FPS}"
+            raise BadValueError(option("fps"), fps, f"possible in {self.format}, {times}")
         if self.format == "apng" and fps > APNG_FPS:
             raise BadValueError(option("fps"), fps, f"possible in an APNG: at most {APNG_FPS:,}")
         if self.format == "gif" and 1 / fps > GIF_DELAY:
