@@ -26,6 +26,7 @@ from mjrun.errors import ControllerError, FileError, UnknownNameError, UsageErro
 from mjrun.packages import packages_of, require
 
 T = TypeVar("T")
+CODE_REMEDY = "an object of a class is copied for each, and a policy can seed its random numbers in reset(seed)"
 
 
 class RedirectedFunction:
@@ -224,14 +225,14 @@ def own_copy(code: T) -> T:
         return code
 
 
-def memory_warning(code: str, units: str) -> str:
-    """Returns a warning about code that acts differently when the same start is repeated.
+def memory_warning(code: str, units: str, remedy: str = CODE_REMEDY) -> str:
+    """Returns a warning about code, or a policy in a file, that acts differently when the same start is repeated.
 
     Args:
       code: option and name of the code.
       units: what shares its memory: "episodes".
+      remedy: what the user can do.
     """
-    remedy = "an object of a class is copied for each, and a policy can seed its random numbers in reset(seed)"
     return (
         f"{code} acts differently when it is called again at the same start: its memory or random numbers are shared, "
         f"so results depend on the order of {units}; {remedy}"

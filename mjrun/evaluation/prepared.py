@@ -37,12 +37,13 @@ from mjrun.model.override import ELEMENTS, ROOTS, Override, overrides_of, paths_
 from mjrun.model.source import ModelSource
 from mjrun.options.evaluation import EXTRAS, EvaluationOptions
 from mjrun.options.option import is_given, options_of
+from mjrun.options.policy import BUILT_IN
 from mjrun.options.schema_validation import InvalidValueError
 from mjrun.options.simulation import NOISE_REQUIREMENT, DisturbanceOptions, Disturbances
 from mjrun.options.sweep import PARTS, ExecutionOptions
 from mjrun.options.task import TaskOptions
 from mjrun.packages import require_all
-from mjrun.python_code import PickledWithCode, edit_remarks, memory_warning, module_sources
+from mjrun.python_code import CODE_REMEDY, PickledWithCode, edit_remarks, memory_warning, module_sources
 from mjrun.reporter import Reporter
 from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.simulation.policy_episode import policy_files
@@ -122,18 +123,20 @@ class PreparedEvaluation:
             self.criteria = self._criteria(options)
 
     def remarks(self, seed: int) -> Iterator[str]:
-        """Yields a remark on each policy in Python that begins the episode of `seed` differently the second time.
+        """Yields a remark on each policy that begins the episode of `seed` differently the second time.
 
         So it does on each module that was edited between its import and this evaluation, as in a notebook. It calls the
         policies in this process, so they should have played episodes without failures before.
         """
         yield from self._edited
         for group in {group.policy: group for group in reversed(self.groups)}.values():
-            if group.spec.chosen.is_code:
+            chosen = group.spec.chosen
+            if isinstance(chosen.policy, str) and chosen.policy not in BUILT_IN:
                 player = player_of(group.spec) if group.policy else self.player
                 first, again = player.first_action(seed), player.first_action(seed)
                 if not np.array_equal(first, again):
-                    yield memory_warning(f"{option('policy')} {clean(group.name)}", "episodes")
+                    remedy = CODE_REMEDY if chosen.is_code else "export the network without random numbers"
+                    yield memory_warning(f"{option('policy')} {clean(group.name)}", "episodes", remedy)
 
     @property
     def snapshot(self) -> InputSnapshot:

@@ -261,6 +261,15 @@ def test_functions_with_a_memory_that_episodes_share_are_reported(tmp_path: Path
         compared.run()
 
 
+def test_networks_with_random_numbers_are_reported(tmp_path: Path) -> None:
+    path = linear(tmp_path / "noisy.onnx", np.array([[-2.0, -1.2]], np.float32))
+    network = onnx.load(path)
+    network.graph.node[1].CopyFrom(onnx.helper.make_node("RandomNormalLike", ["product"], ["actions"]))
+    onnx.save(network, path)
+    with pytest.warns(MjrunWarning, match=r"noisy.onnx acts differently .*; export the network without random numbers"):
+        evaluation(tmp_path, policy=str(path), episodes=1).run()
+
+
 @pytest.mark.parametrize(
     "options", [{}, {"compare": "random", "vary": {"control_dt": "0.02,0.04"}, "fail_below": {"length": 0}}]
 )
