@@ -41,8 +41,10 @@ from mjrun.model.override import Override
 
 SHORTEST = 24  # rows of the shortest stretches
 GROWTH = 2
+FEW = 4 * SHORTEST  # rows of openings below which parameters are constant
 FINE = 1e-4  # reduced χ² below which derivatives have found the motion exactly
 CONTACT_EVALUATIONS = 24  # limit of evaluations beside contacts
+STEPS = "steps from each measured state to the next"
 MOST_PAIRS = 400  # about the number of rows from which measured states are followed to the next row
 OTHERS = 2  # other starts of whole segments before stretches are tried
 MODEST = 100.0  # reduced χ² below which other starts are tried, and searches that end alike confirm each other
@@ -221,23 +223,48 @@ class ShootingFit:
         parts, states = zip(*known, strict=True)
         problem = self._problem(parts, start, np.concatenate(states), noise, fixed_states=True)
         end = self._run(GaussNewton(problem).minimize())
-        look = self.look(whole, end.coordinates, first, noise)
+        look = replace(self.look(whole, end.coordinates, first, noise), loss=self._loss)
         of_states, tolerances = self._starting.of_states, self._starting.step_tolerances(self._predictor.timestep)
         left = np.concatenate(list(end.residuals))[:, of_states] * noise[of_states]
         least = least_noise(np.concatenate([part.values for part in whole]), self._predictor.rotations) * tolerances
         is_exact = bool((np.sqrt(np.nanmean(left**2, axis=0)) <= least[of_states]).all())
-        is_jumping = is_exact and self._is_stopped(look)  # rounding alone has made whole segments jump
-        if not is_jumping and look.cost >= search.best.cost:
-            return
-        search.ways.append("steps from each measured state to the next")
-        if is_jumping:
+        if is_exact and self._is_stopped(look):  # rounding alone has made whole segments jump
+            search.ways.append(STEPS)
             own = self._problem(whole, None, first, noise, fixed=True)
             search.own = self._run(GaussNewton(own).look())
             known, generator = all_information(end, self._parameters), np.random.default_rng(self._seed)
             draws = np.clip(end.coordinates + scattered(end, known, generator), 0, 1)
             search.best = replace(look, estimate=RoughMotionEstimate(draws, probability=1.0))
-        else:
-            search.best = self.solve(whole, end.coordinates, first, noise)
+            return
+        solution = self._lengthened(whole, end.coordinates, first, noise)
+        if solution is None and look.cost < search.best.cost:
+            solution = self.solve(whole, end.coordinates, first, noise)
+        if solution and solution.cost < search.best.cost:
+            search.ways.append(STEPS)
+            search.best = solution
+
+    def _lengthened(
+        self, whole: Sequence[Chunk], coordinates: Floats, states: Floats, noise: Floats
+    ) -> Solution | None:
+        """Solves openings that double in length up to `whole`, each from the end of the one before.
+
+        Velocities that are differences of rounded positions are off by this rounding over a timestep, which leads a
+        long motion beside contacts far from the log; each opening makes them more exact.
+
+        Returns:
+          The solution of `whole`; None if the model does not explain it, or an opening.
+        """
+        longest, rows = max(len(part.positions) for part in whole), SHORTEST
+        while True:
+            parts, is_whole = [_opening(part, rows) for part in whole], 1.5 * rows > longest
+            problem = self._problem(parts, coordinates, states, noise, fixed=rows < FEW and not is_whole)
+            limits = (EVALUATIONS, TOLERANCE) if is_whole else (CONTACT_EVALUATIONS, ROUGH_TOLERANCE)
+            end = self._run(GaussNewton(problem).minimize(*limits))
+            if end.reduced >= EXPLAINED:
+                return None
+            if is_whole:
+                return end
+            coordinates, states, rows = end.coordinates, end.states, GROWTH * rows
 
     def _pairs(self, segment: LogSegment, most: int) -> list[Chunk]:
         """Returns chunks of two rows, at most twice `most`, without signals of force, which jump even between these."""

@@ -10,7 +10,7 @@ import pytest
 from mjrun.fitting.gauss_newton import EXPLAINED, GaussNewton
 from mjrun.fitting.information import intervals
 from mjrun.fitting.measurements import LogSegment, first_noise
-from mjrun.fitting.shooting_fit import OriginalAndBestSolutions
+from mjrun.fitting.shooting_fit import OriginalAndBestSolutions, ShootingFit
 from mjrun.fitting.shooting_problem import together, with_noise
 from mjrun.model.names import control_names
 from mjrun.probe.fields import field_probe
@@ -81,6 +81,37 @@ def test_logs_without_noise_give_exact_parameters_despite_impacts(
     log = LogSegment("log", times[::every], rows[::every, : len(signals)], np.zeros((len(times[::every]), 0)))
     path, free = write_box(tmp_path, 0.9), ("geom/box.friction[0]", "0.1..1")
     assert fitted(path, free, signals, log) == pytest.approx(FRICTION, rel=1e-8)
+
+
+def test_logs_of_six_digits_give_parameters_to_these_digits_despite_impacts(tmp_path: Path) -> None:
+    """Velocities that are differences of rounded positions are too inexact to begin a long motion in them."""
+    times, rows = exact_box_log()
+    values = np.array([[float(f"{value:.6g}") for value in row] for row in rows[:, : len(SIGNALS)]])
+    log = LogSegment("log", times, values, np.zeros((len(times), 0)))
+    path, free = write_box(tmp_path, 0.9), ("geom/box.friction[0]", "0.1..1")
+    shoot, predictor, _, parameters = shooting_of(path, [free], SIGNALS, [], log)
+    noise, start = first_noise([log.values], predictor.rotations), np.array([parameters[0].first_coordinate])
+    best = shoot.search([log], [start], noise).best
+    known = intervals(with_noise(best, best.observed_noise), parameters, 0.95, 0)
+    assert best.estimate is None
+    assert known.low[0] == pytest.approx(FRICTION, rel=1e-5)
+    assert known.high[0] == pytest.approx(FRICTION, rel=1e-5)
+
+
+def test_exact_logs_of_jumping_motions_keep_the_loss(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The loss of the fit decides how the noise of its residuals is estimated."""
+    times, rows = exact_box_log()
+    log = LogSegment("log", times, rows, np.zeros((len(times), 0)))
+    path, free = write_box(tmp_path, 0.9), ("geom/box.friction[0]", "0.1..1")
+    _, predictor, starting, parameters = shooting_of(path, [free], SIGNALS + RATES, [], log)
+    shoot = ShootingFit(predictor, parameters, starting, "huber")
+    monkeypatch.setattr(shoot, "_is_stopped", lambda solution: True)
+    noise, start = first_noise([log.values], predictor.rotations), np.array([parameters[0].first_coordinate])
+    whole = shoot.cut([log])
+    first = shoot.look(whole, start, shoot.guessed(whole, start), noise)
+    shoot._follow_states(search := OriginalAndBestSolutions(first, first), [log], start, noise)
+    assert search.best.estimate
+    assert search.best.loss == "huber"
 
 
 @pytest.mark.parametrize(
