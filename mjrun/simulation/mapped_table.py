@@ -50,7 +50,7 @@ TIMES = ("time", "t", "timestamp", "time_s", "sec", "seconds", "stamp", "elapsed
 LARGEST = 2**20  # bytes of a file of lines
 
 PLACES = {"wxyz": (0, 1, 2, 3), "xyzw": (3, 0, 1, 2)}  # indices of w, x, y and z
-CONTROL = r"ctrl(/|[_.\[]?[0-9])"  # names of controls begin like this
+CONTROL = r"ctrl(/|[_.\[]?[0-9]|\s*(\[|\Z))"  # names of controls begin like this
 CONVERSIONS = {  # the SI unit of each unit, and the factor to it
     **{name: ("s", float(factor)) for name, factor in EXACT_UNITS["SECONDS"].items()},
     **{
@@ -59,7 +59,7 @@ CONVERSIONS = {  # the SI unit of each unit, and the factor to it
         for rate in ("", "/s")
     },
 }
-DEGREES = "°"  # another name of `deg`
+DEGREES = re.compile("[°\udcb0]")  # `deg`; the second is the byte of older spreadsheets, which do not write UTF-8
 
 
 @dataclass
@@ -113,6 +113,7 @@ def column_map(
     resolver = _Resolver(columns, names, source, PLACES[quat], quaternions)
     resolver.read_names([name for name in names if by_name is None or name in by_name])
     resolver.read_map(texts)
+    resolver.require_one_unit()
     return resolver.map
 
 
@@ -144,6 +145,9 @@ class _Resolver:
         self.map = ColumnMap(columns)
         self._columns, self._names, self._source = columns, list(names), source
         self._by_clean = _by_name(names)
+        self._alternatives: dict[
+            str, tuple[RowExpression, Sequence[str]]
+        ] = {}  # in other units, by column of the model
         self._order, self._quaternions = order, quaternions
         self._known = {name for owned in columns.values() for name in owned}
         self._groups = self._all_groups()
@@ -152,16 +156,21 @@ class _Resolver:
 
     def read_names(self, names: Collection[str]) -> None:
         """Reads the table's columns `names` by their names, or by their numbers in a joint or field."""
-        readable = _by_name(names)
+        readable, units = _by_name(names), _in_several_units(names)
         used: set[str] = set()
         for columns in self._columns.values():
             for name in columns:
                 if column := readable.get(clean(name)):
-                    self.map.sources[name] = self._column(column)
+                    source = self.map.sources[name] = self._column(column)
                     used.add(column)
+                    if others := units.get(clean(name)):
+                        self._alternatives[name] = source, others
+                        used |= set(others)
         for group, (field, places) in sorted(self._groups.items(), key=lambda item: len(item[1][1])):
-            parts = _numbered(group, readable)
             targets = [self._columns[field][place] for place in places]
+            parts = _numbered(group, readable)
+            if not parts and len(targets) == 1 and group in readable:  # an array of one column has no numbers
+                parts = [readable[group]]
             if not parts or (group == field and any(name in self.map.sources for name in targets)):
                 continue
             if len(parts) != len(targets):
@@ -173,7 +182,19 @@ class _Resolver:
         if TIME in readable:
             self.map.time = self._column(readable[TIME])
             used.add(readable[TIME])
+            if others := units.get(TIME):
+                self._alternatives[TIME] = self.map.time, others
         self.map.unused = [name for name in self._names if name not in used]
+
+    def require_one_unit(self) -> None:
+        """Raises UsageError if the table has a column in several units, of which the map selects none."""
+        for name, (source, columns) in self._alternatives.items():
+            if source is (self.map.time if name == TIME else self.map.sources[name]):
+                first, second = map(clean, columns[:2])
+                raise UsageError(
+                    f"{clean(self._source)} has both {first} and {second}\n"
+                    f"{option('map')} selects one, as in {clean(name)}={clean(spelled(columns[0]))}"
+                )
 
     def _refuse_width(self, group: str, parts: Sequence[str], expected: int) -> None:
         raise UsageError(
@@ -317,6 +338,14 @@ def _by_name(names: Collection[str]) -> dict[str, str]:
     return {clean(split_header(name)[0]): name for name in names} | {clean(name): name for name in names}
 
 
+def _in_several_units(names: Collection[str]) -> dict[str, list[str]]:
+    """Returns the columns that differ only in their units, by the name without one, unless a column has that name."""
+    columns: dict[str, list[str]] = {}
+    for name in names:
+        columns.setdefault(clean(split_header(name)[0]), []).append(name)
+    return {bare: alike for bare, alike in columns.items() if len(alike) > 1 and bare not in map(clean, alike)}
+
+
 def _numbered(prefix: str, names: Mapping[str, str]) -> list[str]:
     """Returns the columns among `names` that are called `prefix` and numbered, from 0 or from 1."""
     for pattern in NUMBERED:
@@ -435,7 +464,7 @@ def _si_factor(name: str, wanted: str, expression: RowExpression, units: Mapping
         return 1
     column = expression.columns[0]
     in_header = None if column == name else split_header(column)[1]
-    stated = (units.get(column) or in_header or "").replace(DEGREES, "deg")
+    stated = DEGREES.sub("deg", units.get(column) or in_header or "")
     if not stated:
         return 1
     if stated not in CONVERSIONS and stated not in SI_UNITS:

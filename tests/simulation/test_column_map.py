@@ -212,3 +212,15 @@ def test_the_hint_names_what_may_be_the_time() -> None:
     assert time_hint(["Time (s)", "hip"]).endswith("as in time='Time (s)'")
     assert time_hint(["t [ms]", "hip"]).endswith("as in time='t [ms]'/1000")
     assert "as in" not in time_hint(["hip"])
+
+
+def test_a_column_in_two_units_is_refused_unless_one_has_the_name_itself_or_is_mapped() -> None:
+    names = ["time", *(name for name in QPOS if name != "qpos/hip"), "qpos/hip [deg]", "qpos/hip [rad]"]
+    with pytest.raises(
+        UsageError, match=r"both qpos/hip \[deg\] and qpos/hip \[rad\]\n.* as in qpos/hip='qpos/hip \[deg"
+    ):
+        resolved(names)
+    assert read(resolved(names, "qpos/hip='qpos/hip [deg]'"))["qpos/hip"] == "qpos/hip [deg]"
+    assert read(resolved([*names, "qpos/hip"]))["qpos/hip"] == "qpos/hip"
+    with pytest.raises(UsageError, match=r"both time \[s\] and time \[ms\]"):
+        resolved([*QPOS, "time [s]", "time [ms]"])

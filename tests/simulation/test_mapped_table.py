@@ -360,3 +360,42 @@ def test_a_file_of_lines_that_is_too_long_in_bytes_is_refused_not_cut(tmp_path: 
     path.write_text(comment * (LARGEST // len(comment.encode()) + 1) + "qpos/knee=knee\n", "utf-8")
     with pytest.raises(UsageError, match="is not a file of lines"):
         list(map_entries(f"@{path}"))
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".npz", ".mat", ".h5"])
+def test_a_field_of_one_number_is_a_column_with_its_name(tmp_path: Path, suffix: str) -> None:
+    arm = mujoco.MjModel.from_xml_string(
+        "<mujoco><worldbody><body><joint name='hip'/><geom size='.1'/></body><body mocap='true'/></worldbody>"
+        "<actuator><motor name='drive' joint='hip'/></actuator></mujoco>"
+    )
+    path, n = tmp_path / f"arm{suffix}", 4
+    angles, drives = np.linspace(0.5, 2, n), np.linspace(-1, 1, n)
+    arrays = {"time": np.arange(n) * 0.1, "qpos": angles[:, None], "qvel": -angles[:, None], "ctrl": drives[:, None]}
+    mocap = np.ones((n, 3))
+    match suffix:
+        case ".csv":
+            pd.DataFrame({name: array.ravel() for name, array in arrays.items()}).to_csv(path, index=False)
+        case ".npz":
+            np.savez(path, mocap_pos=mocap, **arrays)
+        case ".mat":
+            scipy.io.savemat(path, {"mocap_pos": mocap, **arrays})
+        case _:
+            with h5py.File(path, "w") as file:
+                for name, array in {"mocap_pos": mocap, **arrays}.items():
+                    file[name] = array
+
+    motion = read_motion(path, arm, mujoco.MjData(arm))
+    fields = state.fields(state.sizes(arm))
+    states = np.array([motion.state(50 * row) for row in range(n)])
+    assert states[:, fields["qpos"]].ravel().tolist() == angles.tolist()
+    assert states[:, fields["qvel"]].ravel().tolist() == (-angles).tolist()
+    assert states[:, fields["ctrl"]].ravel().tolist() == drives.tolist()
+    table = read_controls(path, arm, "arm", {}, linear=False)
+    applied = np.empty((151, 1))
+    table.apply(applied, 0, Fraction(2, 1000))
+    assert applied[::50].ravel().tolist() == drives.tolist()
+
+
+def test_a_degree_sign_of_a_spreadsheet_that_does_not_write_utf_8_is_one_too(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_bytes("time,qpos/hip [°]\n0,90\n0.1,180\n".encode("cp1252"))
+    assert positions(read(tmp_path / "log.csv"), np.array([0, 50]))[:, 7] == pytest.approx([np.pi / 2, np.pi])
