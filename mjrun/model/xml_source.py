@@ -257,7 +257,7 @@ def _parsed(source: XmlSource, path: Path, encoding: str | None = None) -> Eleme
         return None
     parser = XmlParser(path, encoding)
     try:
-        parser.expat.Parse(_without_dashes(text), True)
+        parser.expat.Parse(without_dashes(text), True)
     except expat.ExpatError as error:
         if error.code == _INVALID_TOKEN and text[parser.expat.ErrorByteIndex] > ASCII and encoding is None:
             return _parsed(source, path, "iso-8859-1")
@@ -279,7 +279,7 @@ def scan(
     parser.StartElementHandler = lambda tag, attributes: start(tag, attributes, parser.CurrentLineNumber)
     parser.EndElementHandler = end
     with suppress(expat.ExpatError, ValueError, LookupError):
-        parser.Parse(_without_dashes(text), True)
+        parser.Parse(without_dashes(text), True)
 
 
 def content_digest(text: bytes) -> str:
@@ -296,7 +296,7 @@ def content_digest(text: bytes) -> str:
     parser.CharacterDataHandler = lambda content: events.append((content.strip(),)) if content.strip() else None
     parser.StartDoctypeDeclHandler = _refuse
     try:
-        parser.Parse(_without_dashes(text), True)
+        parser.Parse(without_dashes(text), True)
     except (expat.ExpatError, ValueError, LookupError):
         return hashlib.sha256(text).hexdigest()
     return hashlib.sha256(repr(events).encode()).hexdigest()
@@ -306,7 +306,7 @@ def _refuse(*_: object) -> None:
     raise ValueError
 
 
-def _without_dashes(text: bytes) -> bytes:
+def without_dashes(text: bytes) -> bytes:
     """Returns text of the same length whose comments XML allows."""
     return COMMENT.sub(lambda comment: DASHES.sub(lambda dashes: b"=" * len(dashes[0]), comment[0]), text)
 

@@ -3,6 +3,7 @@
 Every other byte of the file stays unchanged, and MuJoCo loads it in its new place before it is published.
 """
 
+import html
 import os
 import re
 from collections.abc import Mapping, Sequence
@@ -22,7 +23,8 @@ from mjrun.formats.temporary_output import temporary_file
 from mjrun.model import state
 from mjrun.model.names import identify, names
 from mjrun.model.source import compile_spec, model_errors, physics_fingerprint
-from mjrun.model.xml_source import START_TAG, Element, XmlParser
+from mjrun.model.text_edits import ATTRIBUTE
+from mjrun.model.xml_source import START_TAG, Element, XmlParser, without_dashes
 from mjrun.options.option import options
 from mjrun.options.output import KeyframeOptions
 from mjrun.outputs import output
@@ -34,6 +36,7 @@ ELSEWHERE = "relative paths in it start from the folder of the model: write it t
 NOT_STATE = ("qacc_warmstart",)  # fields that help the solver, whose loss is not reported
 QUATERNIONS = ("qpos", "mocap_quat")  # MuJoCo normalizes those of keyframes
 BOM = b"\xef\xbb\xbf"
+LINE_END = re.compile("\r\n?")
 INDENT = b"  "  # for files without indentation
 # The field of MjData that each attribute of a key holds, in MuJoCo's order.
 ATTRIBUTES = {
@@ -161,7 +164,7 @@ def with_key(xml: bytes, name: str, fields: Mapping[str, np.ndarray]) -> bytes:
     def lines(indent: bytes) -> bytes:
         return (newline + indent + unit).join(_lines(name, fields))
 
-    if same := [key for key in keys if _name(key) == name]:
+    if same := [key for key in keys if _name(xml, key) == name]:
         start = same[-1].offset
         return _replaced(xml, start, _end(xml, same[-1]), lines(_indent(xml, start)))
     if keys:
@@ -180,7 +183,8 @@ def key_names(xml: bytes) -> list[str]:
     Raises:
       ValueError: `xml` is not an MJCF model, or not well-formed.
     """
-    return [_name(key) for key in _keys(_parse(xml.removeprefix(BOM)))]
+    text = xml.removeprefix(BOM)
+    return [_name(text, key) for key in _keys(_parse(text))]
 
 
 def _keys(root: Element) -> list[Element]:
@@ -188,9 +192,11 @@ def _keys(root: Element) -> list[Element]:
     return [key for section in sections for key in section.children if key.tag == "key"]
 
 
-def _name(key: Element) -> str:
-    """Returns the name of a key, decoded as UTF-8 like MuJoCo does."""
-    return key.attributes.get("name", "").encode("latin-1").decode("utf-8", "replace")
+def _name(xml: bytes, key: Element) -> str:
+    """Returns the name of a key, decoded as UTF-8 like MuJoCo does, with its character references."""
+    attributes = ATTRIBUTE.finditer(xml, key.offset, _inner(xml, key))
+    name = next((attribute["value"] for attribute in attributes if attribute["name"] == b"name"), b"")
+    return html.unescape(LINE_END.sub("\n", name[1:-1].decode("utf-8", "replace")))
 
 
 def _inner(xml: bytes, element: Element) -> int:
@@ -249,7 +255,7 @@ def _parse(xml: bytes) -> Element:
     # character, so positions in the text are positions of bytes.
     parser = XmlParser(Path(), "iso-8859-1")
     try:
-        parser.expat.Parse(xml, True)
+        parser.expat.Parse(without_dashes(xml), True)
     except expat.ExpatError as error:
         raise ValueError(f"it is not well-formed XML: {error}") from None
     assert parser.root

@@ -29,6 +29,7 @@ LAYOUTS = {
     "a section without keys": (b"<mujoco>" + BODIES + b"\n <keyframe>", b"</keyframe></mujoco>"),
     "a section with a comment": (b"<mujoco>" + BODIES + b"<keyframe>\n <!-- <key/> -->", b"\n</keyframe></mujoco>"),
     "Latin-1 in a comment": (b'<?xml version="1.0"?><!-- \xe9 --><mujoco>\n    ' + BODIES, b"\n</mujoco><!-- \xff -->"),
+    "dashes in a comment": (b"<mujoco>\n  <!-- a -- b <key/> ---->\n  " + BODIES, b"\n</mujoco>\n"),
     "a byte order mark": (b"\xef\xbb\xbf<mujoco model='>'>\r\n  " + BODIES, b"\r\n</mujoco >\r\n"),
 }
 
@@ -122,3 +123,15 @@ def test_any_name_and_any_number_come_back(name: str, numbers: list[float]) -> N
 def test_what_is_no_mjcf_takes_no_key(xml: bytes, reason: str) -> None:
     with pytest.raises(ValueError, match=reason):
         with_key(xml, "a", FIELDS)
+
+
+@pytest.mark.parametrize(
+    "text", ["&#233;", "&#x20AC;", "\u00e9&#233;", "a &amp;eacute;", "a&#10;b", "a\nb", "a\r\nb", "a\tb"]
+)
+def test_names_of_keys_are_those_that_mujoco_reads(text: str) -> None:
+    xml = f"<mujoco>{BODIES.decode()}<keyframe><key qpos='1' name=\"{text}\"/></keyframe></mujoco>".encode()
+    name = loaded(xml).key(0).name
+    assert key_names(xml) == [name]
+    replaced = with_key(xml, name, FIELDS)
+    assert loaded(replaced).nkey == 1
+    assert_holds(replaced, name)
