@@ -190,11 +190,7 @@ class _Resolver:
         """Raises UsageError if the table has a column in several units, of which the map selects none."""
         for name, (source, columns) in self._alternatives.items():
             if source is (self.map.time if name == TIME else self.map.sources[name]):
-                first, second = map(clean, columns[:2])
-                raise UsageError(
-                    f"{clean(self._source)} has both {first} and {second}\n"
-                    f"{option('map')} selects one, as in {clean(name)}={clean(spelled(columns[0]))}"
-                )
+                raise _several_units(self._source, name, columns)
 
     def _refuse_width(self, group: str, parts: Sequence[str], expected: int) -> None:
         raise UsageError(
@@ -344,6 +340,15 @@ def _in_several_units(names: Collection[str]) -> dict[str, list[str]]:
     for name in names:
         columns.setdefault(clean(split_header(name)[0]), []).append(name)
     return {bare: alike for bare, alike in columns.items() if len(alike) > 1 and bare not in map(clean, alike)}
+
+
+def _several_units(source: str, name: str, columns: Sequence[str]) -> UsageError:
+    """Returns the error of a table that has the model's column `name` in several units."""
+    first, second = map(clean, columns[:2])
+    return UsageError(
+        f"{clean(source)} has both {first} and {second}\n"
+        f"remove one; in a replay, {option('map')} can select one, as in {clean(name)}={clean(spelled(columns[0]))}"
+    )
 
 
 def _numbered(prefix: str, names: Mapping[str, str]) -> list[str]:
@@ -596,7 +601,10 @@ def read_controls(
     """
     actuators, available = control_names(model), column_names(path)
     names = [f"ctrl/{name}" for name in actuators]
-    others = _other_controls(model, available)
+    others, units_by_name = _other_controls(model, available), _in_several_units(available)
+    for column, entry in others.items():
+        if alike := units_by_name.get(clean(split_header(column)[0])):
+            raise _several_units(source, entry.partition("=")[0], alike)
     readable = {_by_name(available).get(TIME), *others}
     table = read_table(path, lambda name: name in readable or re.match(CONTROL, name) is not None)
     columns = table.columns

@@ -399,3 +399,14 @@ def test_a_field_of_one_number_is_a_column_with_its_name(tmp_path: Path, suffix:
 def test_a_degree_sign_of_a_spreadsheet_that_does_not_write_utf_8_is_one_too(tmp_path: Path) -> None:
     (tmp_path / "log.csv").write_bytes("time,qpos/hip [°]\n0,90\n0.1,180\n".encode("cp1252"))
     assert positions(read(tmp_path / "log.csv"), np.array([0, 50]))[:, 7] == pytest.approx([np.pi / 2, np.pi])
+
+
+@pytest.mark.parametrize("name", ["ctrl/drive", "drive", "hip"])
+def test_controls_in_two_units_are_refused(tmp_path: Path, name: str) -> None:
+    arm = mujoco.MjModel.from_xml_string(
+        "<mujoco><worldbody><body><joint name='hip'/><geom size='.1'/></body></worldbody>"
+        "<actuator><position name='drive' joint='hip'/></actuator></mujoco>"
+    )
+    (tmp_path / "log.csv").write_text(f"time,{name} [deg],{name} [rad]\n0,90,1\n")
+    with pytest.raises(UsageError, match=rf"both {name} \[deg\] and {name} \[rad\]\nremove one"):
+        read_controls(tmp_path / "log.csv", arm, "log.csv", {}, linear=False)
