@@ -21,7 +21,8 @@ from mjrun.suffixes import XML
 MAX_DEPTH = 50  # levels of nested includes
 MAX_FILES = 500  # beyond these, includes and attached models are not followed
 START_TAG = re.compile(rb"<(?:[^\"'>]|\"[^\"]*\"|'[^']*')*>")
-COMMENT = re.compile(rb"(?<=<!--).*?(?=-->)", re.DOTALL)
+# A comment, or text that may resemble one.
+COMMENT = re.compile(rb"(?<=<!--)(?P<text>.*?)(?=-->)|<!\[CDATA\[.*?\]\]>", re.DOTALL)
 DASHES = re.compile(rb"-{2,}|-\Z")  # which MuJoCo accepts in comments, unlike XML
 ASCII = 127  # the largest byte of ASCII
 LFS_POINTER = b"version https://git-lfs"  # the first bytes of the pointer that Git LFS leaves in place of a file
@@ -308,7 +309,13 @@ def _refuse(*_: object) -> None:
 
 def without_dashes(text: bytes) -> bytes:
     """Returns text of the same length whose comments XML allows."""
-    return COMMENT.sub(lambda comment: DASHES.sub(lambda dashes: b"=" * len(dashes[0]), comment[0]), text)
+
+    def replaced(comment: re.Match[bytes]) -> bytes:
+        if comment["text"] is None:
+            return comment[0]
+        return DASHES.sub(lambda dashes: b"=" * len(dashes[0]), comment["text"])
+
+    return COMMENT.sub(replaced, text)
 
 
 class XmlParser:

@@ -36,6 +36,7 @@ ELSEWHERE = "relative paths in it start from the folder of the model: write it t
 NOT_STATE = ("qacc_warmstart",)  # fields that help the solver, whose loss is not reported
 QUATERNIONS = ("qpos", "mocap_quat")  # MuJoCo normalizes those of keyframes
 BOM = b"\xef\xbb\xbf"
+NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")  # XML 1.0, 2.2
 LINE_END = re.compile("\r\n?")
 INDENT = b"  "  # for files without indentation
 # The field of MjData that each attribute of a key holds, in MuJoCo's order.
@@ -290,6 +291,9 @@ class Keyframe(KeyframeOptions, output.OutputRequest["KeyframeResult"]):
             )
         if not self.name.strip():
             raise UsageError("the keyframe needs a name", path=("name",))
+        if NOT_XML.search(self.name):
+            reason = "has a character that XML does not allow; choose another name"
+            raise UsageError(f"the name of the keyframe, {quoted(self.name)}, {reason}", path=("name",))
         if self.simulation.position_control is not None:
             reason = "the controls of the keyframe would be positions, and the file has no servos"
             raise UsageError(f"{option('position_control')} and a keyframe exclude each other: {reason}", ("output",))

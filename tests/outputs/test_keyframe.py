@@ -190,6 +190,12 @@ def test_an_output_that_cannot_be_is_refused(tmp_path: Path, output: str, name: 
         Keyframe(Simulation(copied("mocap", tmp_path)), output, name=name).run()
 
 
+@pytest.mark.parametrize("name", ["a\x01b", "a\0", "a\udce9b", "a\uffff"])
+def test_a_name_that_xml_cannot_hold_is_refused(tmp_path: Path, name: str) -> None:
+    with pytest.raises(UsageError, match="has a character that XML does not allow"):
+        Keyframe(Simulation(copied("mocap", tmp_path)), f"{tmp_path}/o.xml", name=name).run()
+
+
 def test_a_urdf_that_is_called_xml_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "m.xml"
     path.write_text('<robot name="r"><link name="a"/></robot>')

@@ -30,6 +30,10 @@ LAYOUTS = {
     "a section with a comment": (b"<mujoco>" + BODIES + b"<keyframe>\n <!-- <key/> -->", b"\n</keyframe></mujoco>"),
     "Latin-1 in a comment": (b'<?xml version="1.0"?><!-- \xe9 --><mujoco>\n    ' + BODIES, b"\n</mujoco><!-- \xff -->"),
     "dashes in a comment": (b"<mujoco>\n  <!-- a -- b <key/> ---->\n  " + BODIES, b"\n</mujoco>\n"),
+    "text that resembles a comment": (
+        b"<mujoco>\n  <custom><![CDATA[ <!-- ]]></custom>\n  " + BODIES + b"\n  <!-- a -- b -->",
+        b"\n</mujoco>\n",
+    ),
     "a byte order mark": (b"\xef\xbb\xbf<mujoco model='>'>\r\n  " + BODIES, b"\r\n</mujoco >\r\n"),
 }
 
