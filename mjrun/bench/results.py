@@ -184,7 +184,8 @@ def read_base(path: str | Path) -> Document:
         with file_errors(path):
             document: Document = json.loads(path.read_text("utf-8"))
     except (ValueError, RecursionError) as error:
-        raise FileError(path, f"is not JSON: {clean(str(error))}") from None
+        hint = f"`mjrun bench` makes a benchmark with {option('save')}"
+        raise FileError(path, f"is not JSON: {clean(str(error))}", hint) from None
 
     schema = document.get("schema") if isinstance(document, dict) else None
     if schema != SCHEMA:

@@ -187,8 +187,8 @@ class DeclaredCommand(click.Command):
         except click.NoSuchOption as error:
             typed = error.option_name.removeprefix("--")
             names = [param.name for param in self.params if isinstance(param, click.Option) and param.name]
-            others = OTHER_NAMES[typed] if typed in OTHER_NAMES else near(typed.replace("-", "_"), names)
-            meant = [name for name in others if name in names]
+            name = typed if typed.startswith("-") else typed.replace("-", "_")
+            meant = [other for other in OTHER_NAMES.get(name, near(name, names)) if other in names]
             hint = suggestion(typed, (), *map(flag, meant)) or _commands_with(error.option_name, ctx)
             raise click.UsageError(f"No such option {quoted(error.option_name)}{hint}.", ctx) from None
 
@@ -265,7 +265,7 @@ class DeclaredOption(click.Option):
             super().__init__(names, is_flag=True, default=None)
             return
         each = kind.repeated if isinstance(kind, OneOrMoreKind) else kind
-        chosen = click.Choice(each.names, case_sensitive=False) if isinstance(each, ChoiceKind) else _KindType(each)
+        chosen = _Choice(each.names, case_sensitive=False) if isinstance(each, ChoiceKind) else _KindType(each)
         metavar = None if isinstance(each, ChoiceKind) else kind.metavar
         optional: dict[str, Any] = {}
         if declared.flag_value is not None:
@@ -302,6 +302,17 @@ class DeclaredOption(click.Option):
         if self.multiple:
             return _gathered(self.declared.kind, made) if made else None
         return made
+
+
+class _Choice(click.Choice[str]):
+    """One of several words; a wrong one is answered with those that are similar."""
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        try:
+            return super().convert(value, param, ctx)
+        except click.BadParameter as error:
+            message = f"{error.message.removesuffix('.')}{suggestion(value, self.choices)}."
+            raise click.BadParameter(message, ctx, param) from None
 
 
 class _KindType(click.ParamType[object]):

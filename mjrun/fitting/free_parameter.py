@@ -417,8 +417,17 @@ def _model_start(path: str, spec: mujoco.MjSpec | None) -> float:
     if override.operation:
         return {"scale": 1.0, "add": 0.0}[override.operation]
     if not np.isfinite(values).all():
-        raise UsageError(f"{option('free')} {clean(path)} is not in the source, since the compiler computes it")
+        raise UsageError(
+            f"{option('free')} {clean(path)} is not in the source{_without_value(path, values, spec)}, since the "
+            "compiler computes it\nfree objects that specify it, or write it into the source of the others"
+        )
     return float(np.mean(values))
+
+
+def _without_value(path: str, values: Floats, spec: mujoco.MjSpec | None) -> str:
+    """Returns ` of A, B`, the objects of a path whose `values` `(n,)` in the source are NaN, or an empty text."""
+    names = _objects(path, _source_of(spec, path))
+    return f" of {listing([name for name, value in zip(names, values, strict=True) if np.isnan(value)])}" * bool(names)
 
 
 def _objects(path: str, spec: mujoco.MjSpec) -> tuple[str, ...]:

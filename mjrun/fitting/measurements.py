@@ -12,12 +12,20 @@ from numpy.typing import NDArray
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, FileError, UnknownNameError, UsageError, clean, counted, listing, option
 from mjrun.model.names import control_names, names
-from mjrun.model.table_column import split_header
 from mjrun.physics.timed_rows import SLACK, require_times, without_gaps
 from mjrun.probe.fields import RecordedFieldProbe
 from mjrun.probe.select import select
 from mjrun.probe.vocabularies import ModelVocabulary
-from mjrun.simulation.mapped_table import TIME, ColumnMap, column_map, column_names, evaluated, time_hint, units_of
+from mjrun.simulation.mapped_table import (
+    TIME,
+    ColumnMap,
+    column_map,
+    column_names,
+    evaluated,
+    split_header,
+    time_hint,
+    units_of,
+)
 
 Floats = NDArray[np.float64]
 

@@ -44,12 +44,6 @@ def split_unit(text: str) -> tuple[str, str | None]:
     return (match[1], match[2].strip()) if match else (text, None)
 
 
-def split_header(name: str) -> tuple[str, str | None]:
-    """Splits the header of a column from its unit in brackets: `hip [deg]`, but not from the number in `dof[3]`."""
-    bare, unit = split_unit(name)
-    return (name, None) if unit is None or unit.isdecimal() else (bare, unit)
-
-
 def split_column(name: str) -> tuple[str, str | None]:
     """Splits the name of a column from its unit, which other programs write in parentheses: `Time (s)`."""
     match = _IN_PARENTHESES.fullmatch(name)

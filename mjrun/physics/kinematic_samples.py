@@ -177,7 +177,8 @@ class GaplessSamples:
         if not present[0]:
             raise UsageError(
                 f"{self._row(0)}: {clean(name)} is missing (empty or nan), but a motion must begin with all of its "
-                "columns\nremove the rows before the first complete one"
+                f"columns\nremove the rows before the first complete one; {clean(name)} begins in row "
+                f"{np.flatnonzero(present)[0]}, and the first row is row 0"
             )
         whole = np.flatnonzero(present)
         self._note_gaps(name, whole)
@@ -197,7 +198,7 @@ class GaplessSamples:
     def _on_positions(self) -> Iterator[str]:
         source = clean(self._samples.source)
         if self._samples.time[0]:
-            yield f"{source}: its time {self._samples.time[0]:.9g} s is time 0 here"
+            yield f"{source}: its time {self._samples.time[0]:.15g} s is time 0 here"
         if missing := self._samples.missing("qpos"):
             yield f"{source} lacks {listing(missing)}: as in the initial state"
         yield from self._on_gaps(source)
@@ -225,7 +226,7 @@ class GaplessSamples:
             where = f" in {clean(name)}" if name else ""
             how = "held" if self._interpolation.hold else "interpolated"
             length, begin = self.time[after] - self.time[before], self._samples.time[before]
-            yield f"{source}: {count}{where} of {length:.6g} s from {begin:.6g} s on; {how}"
+            yield f"{source}: {count}{where} of {length:.4g} s from {begin:.15g} s on; {how}"
         if self._ends:
             name, length = max(self._ends.items(), key=lambda end: end[1])
             yield f"{source}: {listing([*self._ends])} end up to {length:.6g} s before the table does; held"

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from mjrun.errors import FileError, UsageError, clean
+from mjrun.errors import FileError, UsageError, clean, counted
 
 SLACK = 1e-3  # timesteps: the times of a table may be sums of floats
 
@@ -27,7 +27,7 @@ class TimedRows:
     def __init__(self, time: np.ndarray, columns: Mapping[str, np.ndarray], source: str, linear: bool = False) -> None:
         require_times(time, source)
         if time[0] > 0:
-            raise UsageError(f"{clean(source)} begins at {time[0]:.9g} s; add a row at time 0")
+            raise UsageError(f"{clean(source)} begins at {time[0]:.15g} s; add a row at time 0")
         self._time, self._linear = time, linear
         self._values = np.column_stack([*columns.values()])
         bad = np.argwhere(~np.isfinite(self._values))
@@ -64,7 +64,11 @@ def require_times(time: np.ndarray, source: str) -> None:
     bad = np.flatnonzero(np.diff(time) <= 0)
     if len(bad):
         before, after = time[bad[0]], time[bad[0] + 1]
-        raise UsageError(f"{clean(source)}, row {bad[0] + 1}: time {after:.9g} follows {before:.9g}; times must ascend")
+        others = f" (also in {counted(len(bad) - 1, 'other row')})" if len(bad) > 1 else ""
+        raise UsageError(
+            f"{clean(source)}, row {bad[0] + 1}: time {after:.15g} follows {before:.15g}; times must ascend{others}\n"
+            "remove rows until each has a later time than the one before; the first row is row 0"
+        )
 
 
 def without_gaps(time: np.ndarray, values: np.ndarray, rows: np.ndarray, linear: bool) -> np.ndarray:

@@ -9,8 +9,8 @@ columns that are numbered or named by component, or several names or expressions
 `qpos=root_mm/1000,root_quat,dof*pi/180`. There, the common name of numbered columns represents each of them.
 In `qpos/{}={}_deg*pi/180`, `{}` represents any text for which both sides are valid.
 
-The unit of a column that is read unchanged, which the table states or which follows its name in brackets as in
-`qpos/knee [deg]`, is converted to SI units. An expression reads the numbers of the table and converts them by itself.
+The unit of a column that is read unchanged, which the table states or which follows its name as in `qpos/knee [deg]`
+or `knee (deg)`, is converted to SI units. An expression reads the numbers of the table and converts them by itself.
 """
 
 import re
@@ -29,7 +29,7 @@ from mjrun.errors import UnknownNameError, UsageError, clean, concerning, listin
 from mjrun.formats.input_file import opened
 from mjrun.formats.table_reader import open_table, read_table
 from mjrun.model.names import JOINT_TRANSMISSIONS, control_names
-from mjrun.model.table_column import split_column, split_header
+from mjrun.model.table_column import split_column, split_unit
 from mjrun.model.units import SI_UNITS
 from mjrun.options.number_kinds import UNITS as EXACT_UNITS
 from mjrun.options.setting_kinds import UNITS, AngleWithUnit
@@ -60,6 +60,7 @@ CONVERSIONS = {  # the SI unit of each unit, and the factor to it
     },
 }
 DEGREES = re.compile("[°\udcb0]")  # `deg`; the second is the byte of older spreadsheets, which do not write UTF-8
+SUFFIXES = ("deg", "ms", "us", "ns", "mm", "cm")  # of names without another unit: `knee_deg`
 
 
 @dataclass
@@ -241,7 +242,11 @@ class _Resolver:
 
     def _map_column(self, left: str, right: str) -> None:
         if left != TIME and left not in self._known:
-            raise UnknownNameError("column", left, self._valid(left), where=f"{option('map')} of this model")
+            table_column = self._by_clean.get(clean(left.strip("'`")))
+            is_reversed = table_column is not None and (right == TIME or right in self._known)
+            meant = [f"{right}={spelled(table_column)}"] if table_column is not None and is_reversed else []
+            place = f"{option('map')} of this model"
+            raise UnknownNameError("column", left, self._valid(left), where=place, meant=meant)
         expression = parse_row_expression(right, self._names, f"{option('map')} {clean(left)}")
         if left == TIME:
             self.map.time, self.map.time_is_mapped = expression, True
@@ -329,8 +334,22 @@ class _Resolver:
         return groups
 
 
+def split_header(name: str) -> tuple[str, str | None]:
+    """Splits the header of a column from its unit: `hip [deg]`, `hip (deg)`, but not from a number or a remark, as in
+    `dof[3]` and `hip (left)`."""
+    bare, unit = split_unit(name)
+    if unit is not None:
+        return (name, None) if unit.isdecimal() else (bare, unit)
+    bare, unit = split_column(name)
+    return (bare, unit) if unit is not None and _without_degrees(unit) in {*CONVERSIONS, *SI_UNITS} else (name, None)
+
+
+def _without_degrees(unit: str) -> str:
+    return DEGREES.sub("deg", unit)
+
+
 def _by_name(names: Collection[str]) -> dict[str, str]:
-    """Returns columns by their names, and by those without the unit in brackets, unless another has that name."""
+    """Returns columns by their names, and by those without the unit, unless another has that name."""
     return {clean(split_header(name)[0]): name for name in names} | {clean(name): name for name in names}
 
 
@@ -469,8 +488,9 @@ def _si_factor(name: str, wanted: str, expression: RowExpression, units: Mapping
         return 1
     column = expression.columns[0]
     in_header = None if column == name else split_header(column)[1]
-    stated = DEGREES.sub("deg", units.get(column) or in_header or "")
+    stated = _without_degrees(units.get(column) or in_header or "")
     if not stated:
+        _refuse_suffix(name, wanted, column)
         return 1
     if stated not in CONVERSIONS and stated not in SI_UNITS:
         raise UsageError(
@@ -486,6 +506,22 @@ def _si_factor(name: str, wanted: str, expression: RowExpression, units: Mapping
             f"{clean(name)}={clean(spelled(column))}*FACTOR"
         )
     return factor
+
+
+def _refuse_suffix(name: str, wanted: str, column: str) -> None:
+    """Raises UsageError if the name of a column without a unit ends in one other than `wanted`, as in `knee_deg`."""
+    suffix = column.rpartition("_")[2]
+    if suffix not in SUFFIXES or name.endswith(f"_{suffix}"):
+        return
+    unit, factor = CONVERSIONS[suffix]
+    if wanted == unit:
+        conversion = "*pi/180" if suffix == "deg" else f"/{1 / factor:.0f}"
+        source = clean(spelled(column))
+        raise UsageError(
+            f"column {clean(column)} seems to be in {suffix}, and {clean(name)} of the model is in {wanted}\n"
+            f"{option('map')} converts it, as in {clean(name)}={source}{conversion}, or reads its numbers unchanged: "
+            f"{clean(name)}={source}+0"
+        )
 
 
 def units_of(model: mujoco.MjModel, fields: Iterable[str]) -> dict[str, str]:

@@ -8,10 +8,11 @@ from click.testing import CliRunner
 
 from mjrun.cli.click_command import ParsedCommandLine, command
 from mjrun.cli.console import Console
+from mjrun.cli.main import COMMANDS, load_command
 from mjrun.options.kinds import ChoiceKind, FlagKind, OneOrMoreKind, TextKind, optional
 from mjrun.options.model import ServoGainsKind
 from mjrun.options.number_kinds import ExactNumberKind, IntegerKind, SizeKind
-from mjrun.options.option import FrontEnd, Options, option, options, required
+from mjrun.options.option import OTHER_NAMES, FrontEnd, Options, option, options, required
 from mjrun.options.setting_kinds import NamedNumbersKind, SettingsKind
 from tests.cases import cases
 
@@ -147,6 +148,31 @@ def test_what_an_option_is_called_elsewhere_suggests_it(name: str, suggested: st
     with pytest.raises(click.UsageError) as error:
         baked("apple", name, "3x4")
     assert error.value.format_message() == f"No such option '{name}' (did you mean {suggested}?)."
+
+
+@pytest.mark.parametrize(
+    ("name", "typed", "suggested"),
+    [
+        ("video", "--slow-motion", "--speed"),
+        ("video", "--keyframe", "--key"),
+        ("trace", "--fields", "--probe"),
+        ("trace", "--compare", "--golden"),
+        ("eval", "--randomize", "--vary"),
+        ("eval", "--record", "--videos"),
+        ("fit", "--param", "--free"),
+        ("bench", "--baseline", "--compare"),
+        ("bench", "--threshold", "--fail-above"),
+        ("check", "--disable", "--ignore"),
+    ],
+)
+def test_the_first_guess_of_an_option_leads_to_it(name: str, typed: str, suggested: str) -> None:
+    result = CliRunner().invoke(load_command(name), [typed, "1"], obj=Console(name))
+    assert f"No such option '{typed}' (did you mean '{suggested}'" in result.output
+
+
+def test_every_other_name_of_an_option_leads_to_one() -> None:
+    declared = {param.name for name in COMMANDS for param in load_command(name).params}
+    assert {name for names in OTHER_NAMES.values() for name in names} <= declared
 
 
 @pytest.mark.parametrize(

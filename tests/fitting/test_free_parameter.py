@@ -82,6 +82,17 @@ def test_what_cannot_be_free_is_refused(tmp_path: Path, path: str, text: str, me
         require_effect(free_parameters([(path, text)], source, ["ctrl/motor"])[0], source)
 
 
+def test_what_the_compiler_computes_is_refused_with_the_objects_that_lack_it(tmp_path: Path) -> None:
+    geoms = '<geom name="bob" size=".1" mass="1"/><geom name="rod" size=".1"/>'
+    (tmp_path / "model.xml").write_text(f"<mujoco><worldbody><body><joint/>{geoms}</body></worldbody></mujoco>")
+    source = parse_source(str(tmp_path / "model.xml"))
+    assert free_parameters([("geom/bob.mass", "0.5..2")], source, [])[0].start == 1
+    with pytest.raises(
+        UsageError, match=r"geom/\*\.mass is not in the source of rod, since .*\nfree objects that spec"
+    ):
+        free_parameters([("geom/*.mass", "0.5..2")], source, [])
+
+
 def test_what_makes_no_difference_or_does_not_compile_is_refused(tmp_path: Path) -> None:
     source = parse_source(str(write_model(tmp_path)))
     for text, message in (

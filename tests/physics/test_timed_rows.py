@@ -13,8 +13,13 @@ from mjrun.physics.timed_rows import TimedRows, require_times, without_gaps
         ([], r"^t\.csv: has no rows$"),
         ([0, np.nan], r"^t\.csv, row 1: time is nan; it must be finite$"),
         ([-np.inf, 1], r"^t\.csv, row 0: time is -inf; it must be finite$"),
-        ([0, 0.1, 0.1], r"^t\.csv, row 2: time 0\.1 follows 0\.1; times must ascend$"),
-        ([3, 2], r"^t\.csv, row 1: time 2 follows 3; times must ascend$"),
+        (
+            [0, 0.1, 0.1],
+            r"^t\.csv, row 2: time 0\.1 follows 0\.1; times must ascend\nremove rows until .* the first row is row 0$",
+        ),
+        ([3, 2], r"^t\.csv, row 1: time 2 follows 3; times must ascend\n"),
+        ([3, 2, 1, 0, 4], r"times must ascend \(also in 2 other rows\)\n"),
+        ([1.7e9, 1.7e9 + 0.02, 1.7e9 + 0.01], r"row 2: time 1700000000\.01 follows 1700000000\.02; times"),
     ],
 )
 def test_times_that_are_none_are_refused_at_the_first_bad_row(time: list[float], message: str) -> None:

@@ -212,7 +212,10 @@ class Bad:
         Bad(lambda: b"time,qpos/hip\n0,1\n1\n", r"t\.csv:3: expected 2 cells", kind=FileError),
         Bad(lambda: b"time,qpos/hip,qpos/hip\n0,1,2\n", r"two columns are called 'qpos/hip'", kind=FileError),
         Bad(lambda: b"time,qpos/hip\n0,up\n", r"t\.csv:2: column 'qpos/hip': 'up' is not a number", kind=FileError),
-        Bad(csv(**{"time": [0, 1], "qpos/hip": [None, 1]}), r"t\.csv, row 0: qpos/hip is missing \(empty or nan\)"),
+        Bad(
+            csv(**{"time": [0, 1], "qpos/hip": [None, 1]}),
+            r"row 0: qpos/hip is missing \(empty or nan\).*\n.* begins in row 1",
+        ),
         Bad(csv(**{"time": [0, None], "qpos/hip": [1, 1]}), r"t\.csv, row 1: time is nan; it must be finite"),
         Bad(csv(**{"time": [0, 2, 1], "qpos/hip": [1, 1, 1]}), r"t\.csv, row 2: time 1 follows 2; times must ascend"),
         Bad(csv(time=[0], a=[0]), r"row 0: qpos/hip is infinite", texts=("qpos/hip=1/a",)),
@@ -293,6 +296,47 @@ def test_units_in_headers_are_converted(tmp_path: Path) -> None:
     renamed.to_csv(tmp_path / "log.csv", index=False)
     for text in ("qpos/hip='angle [deg]'", "qpos/hip='angle [deg]'*pi/180"):
         np.testing.assert_allclose(positions(read(tmp_path / "log.csv", text)), qpos, atol=1e-12)
+
+
+def test_units_in_parentheses_are_converted_like_those_in_brackets(tmp_path: Path) -> None:
+    qpos, times = tumble().qpos[ROWS], 2.0 * ROWS
+    names = ("Time (ms)", "Hip (°)", "qpos/lift (mm)", "lift (left)")
+    columns = (times, np.degrees(qpos[:, 7]), 1000 * qpos[:, 12], qpos[:, 12])
+    pd.DataFrame(dict(zip(names, columns, strict=True))).to_csv(tmp_path / "log.csv", index=False)
+    for lift in ((), ("qpos/lift='lift (left)'",)):  # a remark is not a unit
+        motion = read(tmp_path / "log.csv", "time='Time (ms)'", "qpos/hip='Hip (°)'", *lift)
+        np.testing.assert_allclose(positions(motion)[:, [7, 12]], qpos[:, [7, 12]], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("texts", "message"),
+    [
+        (
+            ["time=t_ms"],
+            r"column t_ms seems to be in ms, and time of the model is in s\nmap .* time=t_ms/1000, .*: time=t_ms\+0",
+        ),
+        (["time=t_ms/1000", "qpos/hip=hip_deg"], r"to be in deg, and qpos/hip .* in rad\n.* qpos/hip=hip_deg\*pi/180,"),
+    ],
+)
+def test_an_unchanged_column_whose_name_ends_in_another_unit_is_refused(
+    tmp_path: Path, texts: list[str], message: str
+) -> None:
+    """Numbers that are degrees would be a plausible motion in radians."""
+    foreign().to_csv(tmp_path / "log.csv", index=False)
+    with pytest.raises(UsageError, match=message):
+        read(tmp_path / "log.csv", *texts, "qpos/lift='lift [cm]'")
+
+
+def test_an_expression_reads_numbers_whatever_the_name_ends_in(tmp_path: Path) -> None:
+    foreign().to_csv(tmp_path / "log.csv", index=False)
+    motion = read(tmp_path / "log.csv", "time=t_ms/1000", "qpos/hip=hip_deg+0")
+    np.testing.assert_allclose(positions(motion)[:, 7], np.degrees(tumble().qpos[ROWS, 7]), atol=1e-12)
+
+
+def test_a_map_in_the_wrong_direction_is_suggested_in_the_right_one(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text("time,Hip (deg)\n0,1\n1,2\n")
+    with pytest.raises(UnknownNameError, match=r"did you mean .*qpos/hip='Hip \(deg\)'"):
+        read(tmp_path / "log.csv", "Hip (deg)=qpos/hip")
 
 
 def test_an_unknown_unit_is_refused_with_those_that_are_known(tmp_path: Path) -> None:

@@ -77,7 +77,9 @@ def export(console: Console, command_line: ParsedCommandLine) -> None:
         return
     for name in command_line.explicit(EpisodeOptions, ExecutionOptions):
         if name not in {each.attribute for each in options_of(Export)}:
-            raise UsageError(f"{option(name)} applies to episodes, with {option('format')} lerobot or minari")
+            raise UsageError(
+                f"{option(name)} applies to datasets of episodes only\nadd {option('format')} lerobot or minari"
+            )
     command_line = command_line.with_defaults(output=f"{stem(command_line)}{suffix}")
     request = command_line.make(Export, simulation=simulation(command_line), command=console.command)
     show(console, command_line, make_outputs(console, command_line, request))

@@ -102,7 +102,8 @@ def _ghost(text: str, model: mujoco.MjModel, simulation: Simulation) -> GhostPla
     for part in filter(None, text.split(",")):
         name, equals, value = part.partition("=")
         if name not in SETTINGS:
-            raise UnknownNameError("setting", name, SETTINGS, where=option("ghost"))
+            meant = [f"{kind}={name}" for kind in ("trace", "recording")] if Path(name).suffix and not equals else []
+            raise UnknownNameError("setting", name, SETTINGS, where=option("ghost"), meant=meant)
         if not equals or not value or name in settings:
             raise UsageError(f"{option('ghost')}: write {clean(name)}=VALUE once")
         settings[name] = value

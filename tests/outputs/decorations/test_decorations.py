@@ -103,6 +103,7 @@ def test_a_ghost_in_a_pose_that_is_not_finite_is_refused() -> None:
         ({"ghost": ["key=a,trace=b"]}, UsageError, "exclude each other"),
         ({"ghost": ["offset"]}, UsageError, "write offset=VALUE"),
         ({"ghost": ["opacity=.5,opacity=.6"]}, UsageError, "write opacity=VALUE once"),
+        ({"ghost": ["swing.csv"]}, UnknownNameError, "did you mean 'trace=swing.csv' or 'recording=swing.csv'"),
     ],
 )
 def test_what_cannot_be_added_is_refused(
