@@ -60,6 +60,8 @@ PARENTS = {
     BODY: "body_parentid", "joint": "jnt_bodyid", "geom": "geom_bodyid", "site": "site_bodyid", "camera": "cam_bodyid",
     "light": "light_bodyid",
 }  # fmt: skip
+# The fields with the two objects of each pair and exclude. MuJoCo orders the two by their bodies' ids.
+UNORDERED = {"pair": ("pair_geom1", "pair_geom2"), "exclude": ("exclude_signature",)}
 Pair = tuple[int, int]
 
 
@@ -96,11 +98,20 @@ class ModelObjects:
             parents[0] = -1  # the world has no parent
         return parents
 
+    def two(self, kind: str) -> tuple[np.ndarray, np.ndarray]:
+        """Returns the two objects of each pair or exclude, `(n, 2)`, and their types."""
+        values = [array(self.model, name) for name in UNORDERED[kind]]
+        kinds = [referred_kinds(self.model, name) for name in UNORDERED[kind]]
+        return np.column_stack(values), np.column_stack([each for each in kinds if each is not None])
+
     def keys(self, kind: str, *, whole: bool) -> list[Hashable]:
         """Returns the comparison key of each object of a kind: all its values, or only its types and references."""
         if (kind, whole) not in self._keys:
             fields = [f for f in model_fields() if f.rows == COUNTS[kind] and not f.computed]
-            columns = [self._column(f) for f in fields if f.name != PARENTS.get(kind) and (whole or self._is_coarse(f))]
+            fields = [f for f in fields if f.name not in (PARENTS.get(kind), *UNORDERED.get(kind, ()))]
+            columns = [self._column(f) for f in fields if whole or self._is_coarse(f)]
+            if kind in UNORDERED:
+                columns.append([frozenset(row) for row in self._tokens(*self.two(kind))])
             stretches = [f for f in model_fields() if f.rows in STRETCHES and stretch_kind(f.rows) == kind]
             columns += [self._references(f, kind) for f in stretches if referred_kinds(self.model, f.name) is not None]
             self._keys[kind, whole] = [*zip(*columns, strict=True)] if columns else [()] * len(self.names[kind])
@@ -113,7 +124,11 @@ class ModelObjects:
         values, kinds = array(self.model, field.name), referred_kinds(self.model, field.name)
         if kinds is None:
             return [row.tobytes() for row in values]
-        rows = zip(as_rows(values).tolist(), as_rows(kinds).tolist(), strict=True)
+        return self._tokens(as_rows(values), as_rows(kinds))
+
+    def _tokens(self, values: np.ndarray, kinds: np.ndarray) -> list[Hashable]:
+        """Returns a row of names for each row of ids of the types `kinds`."""
+        rows = zip(values.tolist(), kinds.tolist(), strict=True)
         return [tuple(self._token(k, i) for i, k in zip(row, of, strict=True)) for row, of in rows]
 
     def _references(self, field: ModelField, kind: str) -> list[Hashable]:
@@ -172,6 +187,16 @@ class ObjectMatching:
                 chosen = kinds == obj
                 result[chosen] = self._numbers(side, KIND_OF[int(obj)])[values[chosen].astype(int)]
         return result
+
+    def are_turned(self, kind: str) -> np.ndarray:
+        """Returns for which matched pairs or excludes the two objects of one model are those of the other in reverse.
+
+        Of two that share a single object, this is the one that stays in its place.
+        """
+        match = self.matches[kind]
+        a = self.canonical("a", *(each[match.a] for each in self.a.two(kind)))
+        b = self.canonical("b", *(each[match.b] for each in self.b.two(kind)))
+        return (a == b[:, ::-1]).sum(axis=1) > (a == b).sum(axis=1)
 
     def parent_numbers(self, side: str, kind: str) -> np.ndarray:
         """Returns the body of each object of a kind, by numbers that both models share."""

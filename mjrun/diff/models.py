@@ -11,7 +11,14 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from mjrun.diff.model_matching import PARENTS, ModelObjects, ModelRowMatching, ObjectMatching, equal_blocks
+from mjrun.diff.model_matching import (
+    PARENTS,
+    UNORDERED,
+    ModelObjects,
+    ModelRowMatching,
+    ObjectMatching,
+    equal_blocks,
+)
 from mjrun.diff.result import (
     ArrayDifference,
     DerivedFieldDifference,
@@ -94,6 +101,7 @@ class _FieldComparer:
         rows = self._rows.rows(field.rows)
         assert rows is not None
         a, b = _Values(self._objects.a, field).rows(rows.a), _Values(self._objects.b, field).rows(rows.b)
+        self._turn(field, b)
         names = self._align_components(field, a, b)
         different = self._different(field, a, b)
         for k in np.flatnonzero(different.any(axis=1)).tolist():
@@ -101,6 +109,15 @@ class _FieldComparer:
             components = tuple(names[i] for i in chosen) if len(chosen) < len(names) else ()
             unit = field_unit(self._models[0], field.name, int(rows.a[k]))
             yield FieldDifference(field.name, rows.labels[k], components, a.plain(k, chosen), b.plain(k, chosen), unit)
+
+    def _turn(self, field: ModelField, b: "_Values") -> None:
+        """Puts the two objects of pairs and excludes of the second model in the order of the first."""
+        for kind, names in UNORDERED.items():
+            if field.name in names:
+                match, turned = self._objects.matches[kind], self._objects.are_turned(kind)
+                two = self._objects.b.two(kind)[0][match.b]
+                two[turned] = two[turned, ::-1]
+                b.array = two if len(names) == 1 else two[:, [names.index(field.name)]]
 
     def _align_components(self, field: ModelField, a: "_Values", b: "_Values") -> Sequence[str]:
         """Makes the columns of both correspond, and returns their names."""

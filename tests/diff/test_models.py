@@ -174,6 +174,27 @@ def test_another_order_is_reported() -> None:
     assert result.fields == [FieldDifference("order", "bodies of world", (), ("a", "b"), ("b", "a"))]
 
 
+def test_pairs_and_excludes_have_no_order() -> None:
+    bodies = {name: f'<body name="{name}"><freejoint/><geom name="{name}" size=".1"/></body>' for name in "abc"}
+
+    def model(order: str, contact: str) -> mujoco.MjModel:
+        text = f"<mujoco><worldbody>{''.join(map(bodies.get, order))}</worldbody><contact>{contact}</contact></mujoco>"
+        return mujoco.MjModel.from_xml_string(text)
+
+    same = '<pair geom1="a" geom2="b"/><pair geom1="b" geom2="c" gap="1"/><exclude name="x" body1="a" body2="b"/>'
+    (order,) = compared(model("abc", same), model("cba", same)).fields
+    assert (order.field, order.object) == ("order", "bodies of world")
+
+    moved = same.replace('body1="a"', 'body1="c"').replace('geom2="c" gap', 'geom2="a" gap')
+    a, b = model("abc", same), model("cba", moved)
+    for one, other, names in ((a, b, ("a", "c")), (b, a, ("c", "a"))):
+        _, *fields = compared(one, other).fields
+        values = {(each.field, each.object): (each.a, each.b) for each in fields if each.field != "order"}
+        exclude, pair = [(name,) for name in names], [(name,) for name in reversed(names)]
+        assert values.pop(("exclude_signature", "x")) == tuple(exclude)
+        assert [*values.values()] == [tuple(pair)], values
+
+
 def test_names_of_models_are_compared_and_nan_agrees_with_itself() -> None:
     a, b = spec(), spec()
     a.modelname, b.modelname = "one", "other"
