@@ -124,9 +124,9 @@ class ModelObjects:
         values, kinds = array(self.model, field.name), referred_kinds(self.model, field.name)
         if kinds is None:
             return [row.tobytes() for row in values]
-        return self._tokens(as_rows(values), as_rows(kinds))
+        return [*self._tokens(as_rows(values), as_rows(kinds))]
 
-    def _tokens(self, values: np.ndarray, kinds: np.ndarray) -> list[Hashable]:
+    def _tokens(self, values: np.ndarray, kinds: np.ndarray) -> list[tuple[Hashable, ...]]:
         """Returns a row of names for each row of ids of the types `kinds`."""
         rows = zip(values.tolist(), kinds.tolist(), strict=True)
         return [tuple(self._token(k, i) for i, k in zip(row, of, strict=True)) for row, of in rows]

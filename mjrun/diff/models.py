@@ -57,7 +57,7 @@ from mjrun.model.units import field_unit
 from mjrun.model.xml_source import Element, read_xml
 from mjrun.suffixes import XML
 
-SHORT = 8  # numbers of an object that are listed one by one; more are reported as an array
+SHORT = 8  # numbers of an object that are listed one by one; more are reported as an array, unless they are ids
 COLOUR, LIMITS = ("r", "g", "b", "a"), ("lower", "upper")
 # The names of the components of a field, by the end of its name and their number.
 COMPONENTS: dict[tuple[str, int], Sequence[str]] = {
@@ -145,8 +145,8 @@ class _FieldComparer:
             )
             if field.name in TEXTS:
                 yield from _text(field.name, label, a.array, b.array)
-            elif a.array.shape != b.array.shape or a.array.size > SHORT:
-                yield from self._array(field.name, label, self._canonical("a", a), self._canonical("b", b))
+            elif a.array.shape != b.array.shape or (a.kinds is None and a.array.size > SHORT):
+                yield from self._array(field.name, label, a.array, b.array)
             else:
                 yield from self._short(field, label, a, b)
 
@@ -260,6 +260,8 @@ def compare_models(a: ModelSource, b: ModelSource, tolerances: Tolerances | None
     comparer = _FieldComparer(objects, tolerances)
     stated = [*_settings(first, second, comparer), *_names(objects), *_orders(objects)]
     computed: dict[str, list[Difference]] = {"stat": [*_converted(statistic_differences(second, first), comparer)]}
+    if first.narena != second.narena:
+        computed["narena"] = [FieldDifference("narena", "", (), (int(first.narena),), (int(second.narena),), "bytes")]
     for field in model_fields():
         differences = [*comparer.differences(field)]
         if field.computed:

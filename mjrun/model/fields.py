@@ -45,7 +45,7 @@ LAYOUT = {
     *("buffer", "names", "names_map", "paths", "signature", "pair_signature", "numeric_size", "text_size"),
     *("tuple_size", "body_treeid", "dof_bodyid", "dof_jntid", "dof_parentid", "dof_treeid", "tendon_treeid"),
 }
-COMPARED_COUNTS = {"flex_cellnum", "actuator_ctrlnum"}  # counts that the user chooses
+COMPARED_COUNTS = {"flex_cellnum", "actuator_ctrlnum", "actuator_actnum"}  # counts that the user chooses
 
 COMPUTED = {
     *("body_rootid", "body_weldid", "body_simple", "body_sameframe", "body_subtreemass", "body_invweight0"),
@@ -111,6 +111,7 @@ _EQUALITIES = {
     **{int(value): Obj.mjOBJ_FLEX for name, value in mujoco.mjtEq.__members__.items() if name.startswith("mjEQ_FLEX")},
 }
 _ENUM = re.compile(r"\((mjt\w+)\)")
+_ENUMS = {"tuple_objtype": Obj}  # of fields whose description names none
 
 
 @dataclass(frozen=True)
@@ -174,6 +175,7 @@ def is_layout(name: str) -> bool:
 def _field(described: Any) -> ModelField:
     named = _ENUM.search(described.doc)
     enum = getattr(mujoco, named[1], None) if named and "flags" not in described.doc else None
+    enum = _ENUMS.get(described.name, enum)
     boolean = "mjtBool" in str(described.type) or described.name == "body_mocapid"
     return ModelField(described.name, tuple(described.array_extent), enum, boolean)
 

@@ -195,6 +195,35 @@ def test_pairs_and_excludes_have_no_order() -> None:
         assert [*values.values()] == [tuple(pair)], values
 
 
+def test_sizes_of_activations_and_of_memory_are_compared() -> None:
+    def model(size: int, memory: str) -> mujoco.MjModel:
+        return mujoco.MjModel.from_xml_string(
+            f"""<mujoco><size memory="{memory}"/>
+            <worldbody><body><joint name="j"/><geom size="1"/></body></worldbody>
+            <actuator><general name="g" joint="j" dyntype="user" actdim="{size}"/></actuator></mujoco>"""
+        )
+
+    kinds = [(2, "1M"), (3, "1M"), (2, "3M")]
+    a, larger, more = (model(*kind) for kind in kinds)
+    assert compared(a, larger).fields == [FieldDifference("actuator_actnum", "g", (), (2,), (3,))]
+    assert compared(a, more).fields == [FieldDifference("narena", "", (), (2**20,), (3 * 2**20,), "bytes")]
+
+
+@pytest.mark.parametrize("count", [3, 12])
+def test_another_point_of_a_tendon_is_reported_by_its_name(count: int) -> None:
+    def model(last: str) -> mujoco.MjModel:
+        sites = "".join(f'<site name="s{i}" pos="{i} 0 0"/>' for i in range(count))
+        path = "".join(f'<site site="s{i}"/>' for i in range(count - 1)) + f'<site site="{last}"/>'
+        return mujoco.MjModel.from_xml_string(
+            f"""<mujoco><worldbody><geom size="1"/>{sites}<site name="other" pos="{count - 1} 0 0"/></worldbody>
+            <tendon><spatial name="t">{path}</spatial></tendon></mujoco>"""
+        )
+
+    result = compared(model(f"s{count - 1}"), model("other"))
+    assert result.fields == [FieldDifference("wrap_objid", "t", (str(count - 1),), (f"s{count - 1}",), ("other",))]
+    assert not result.arrays
+
+
 def test_names_of_models_are_compared_and_nan_agrees_with_itself() -> None:
     a, b = spec(), spec()
     a.modelname, b.modelname = "one", "other"
@@ -307,6 +336,11 @@ def test_texts_numbers_and_tuples_of_the_user(rich: mujoco.MjModel) -> None:
         ("text_data", "note", (), ("hello",), ("good bye",)),
         ("tuple_objid", "both", (), ("a",), ("b",)),
     ]
+    geom = mujoco.MjModel.from_xml_string(
+        RICH.replace('objtype="body" objname="a" prm', 'objtype="joint" objname="hinge" prm')
+    )
+    types = [(each.a, each.b) for each in compared(rich, other).fields if each.field == "tuple_objtype"]
+    assert types == [(("body",), ("joint",))]
 
 
 def test_assets_are_reported_by_their_hash_and_largest_difference(rich: mujoco.MjModel) -> None:
