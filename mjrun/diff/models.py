@@ -107,7 +107,9 @@ class _FieldComparer:
         for k in np.flatnonzero(different.any(axis=1)).tolist():
             chosen = np.flatnonzero(different[k]).tolist()
             components = tuple(names[i] for i in chosen) if len(chosen) < len(names) else ()
-            unit = field_unit(self._models[0], field.name, int(rows.a[k]))
+            pair = zip(self._models, (rows.a[k], rows.b[k]), strict=True)
+            unit, other = (field_unit(model, field.name, int(row)) for model, row in pair)
+            unit = unit if unit == other else ""
             yield FieldDifference(field.name, rows.labels[k], components, a.plain(k, chosen), b.plain(k, chosen), unit)
 
     def _turn(self, field: ModelField, b: "_Values") -> None:

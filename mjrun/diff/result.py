@@ -209,7 +209,7 @@ class FieldDifference:
         For a name, with the kind: `joint knee`.
       components: the components of the field that differ, `slide`; empty if it has one only, or if all differ.
       a, b: the values of these components: numbers, names of objects, MuJoCo's names.
-      unit: the unit of the numbers; empty for pure numbers and unknown units.
+      unit: the unit of the numbers; empty for pure numbers, unknown units, and units that differ.
     """
 
     field: str

@@ -195,6 +195,19 @@ def test_pairs_and_excludes_have_no_order() -> None:
         assert [*values.values()] == [tuple(pair)], values
 
 
+def test_numbers_of_different_units_have_none() -> None:
+    a, b = (
+        mujoco.MjModel.from_xml_string(
+            f"""<mujoco><compiler angle="radian"/><worldbody>
+            <body><joint name="j" type="{kind}" range="-1 {high}"/><geom size="1"/></body></worldbody></mujoco>"""
+        )
+        for kind, high in (("hinge", 1), ("slide", 2))
+    )
+    for one, other in ((a, b), (b, a)):
+        units = {each.field: each.unit for each in compared(one, other).fields}
+        assert units == {"jnt_type": "", "jnt_range": ""}
+
+
 def test_sizes_of_activations_and_of_memory_are_compared() -> None:
     def model(size: int, memory: str) -> mujoco.MjModel:
         return mujoco.MjModel.from_xml_string(
@@ -336,7 +349,7 @@ def test_texts_numbers_and_tuples_of_the_user(rich: mujoco.MjModel) -> None:
         ("text_data", "note", (), ("hello",), ("good bye",)),
         ("tuple_objid", "both", (), ("a",), ("b",)),
     ]
-    geom = mujoco.MjModel.from_xml_string(
+    other = mujoco.MjModel.from_xml_string(
         RICH.replace('objtype="body" objname="a" prm', 'objtype="joint" objname="hinge" prm')
     )
     types = [(each.a, each.b) for each in compared(rich, other).fields if each.field == "tuple_objtype"]
