@@ -167,9 +167,13 @@ class _Resolver:
                     if others := units.get(clean(name)):
                         self._alternatives[name] = source, others
                         used |= set(others)
+        known = {clean(name) for name in self._known}
+        unnamed = {name: column for name, column in readable.items() if name not in known}
         for group, (field, places) in sorted(self._groups.items(), key=lambda item: len(item[1][1])):
             targets = [self._columns[field][place] for place in places]
-            parts = _numbered(group, readable)
+            # Of joints called `leg` and `leg1`, the second is not a number of the first; nor is 10 the number 0 of 1.
+            patterns = NUMBERED[:-1] if group[-1].isdigit() else NUMBERED
+            parts = _numbered(group, unnamed, patterns)
             if not parts and len(targets) == 1 and group in readable:  # an array of one column has no numbers
                 parts = [readable[group]]
             if not parts or (group == field and any(name in self.map.sources for name in targets)):
@@ -370,9 +374,9 @@ def _several_units(source: str, name: str, columns: Sequence[str]) -> UsageError
     )
 
 
-def _numbered(prefix: str, names: Mapping[str, str]) -> list[str]:
+def _numbered(prefix: str, names: Mapping[str, str], patterns: Sequence[str] = NUMBERED) -> list[str]:
     """Returns the columns among `names` that are called `prefix` and numbered, from 0 or from 1."""
-    for pattern in NUMBERED:
+    for pattern in patterns:
         for first in (0, 1):
             columns: list[str] = []
             while (name := pattern.format(prefix, first + len(columns))) in names:

@@ -19,6 +19,7 @@ from mjrun.formats.recording import is_recording
 from mjrun.model import state
 from mjrun.outputs.recording import Recording
 from mjrun.physics.kinematic_samples import KinematicMotion
+from mjrun.probe.fields import field_probe
 from mjrun.simulation.mapped_table import LARGEST, map_entries, read_controls, read_motion
 from mjrun.simulation.simulation import Simulation
 from tests.physics.tumbler import column_names, model, tumble
@@ -454,3 +455,34 @@ def test_controls_in_two_units_are_refused(tmp_path: Path, name: str) -> None:
     (tmp_path / "log.csv").write_text(f"time,{name} [deg],{name} [rad]\n0,90,1\n")
     with pytest.raises(UsageError, match=rf"both {name} \[deg\] and {name} \[rad\]\nremove one"):
         read_controls(tmp_path / "log.csv", arm, "log.csv", {}, linear=False)
+
+
+@pytest.mark.parametrize(
+    ("ball", "hinge"), [("name='leg'", "name='leg{}'"), ("name='leg_'", "name='leg_{}'"), ("", "")]
+)
+def test_names_of_joints_that_end_in_numbers_are_not_numbers_of_another(tmp_path: Path, ball: str, hinge: str) -> None:
+    bodies = [f"<joint {hinge.format(i)}/>" for i in range(12)]
+    bodies[1:1] = [f"<joint {ball} type='ball'/>"]  # joint:1 without names, beside joint:10 and others
+    xml = "".join(f"<body>{joint}<geom size='.1'/></body>" for joint in bodies)
+    legs = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{xml}</worldbody></mujoco>")
+    names = [column.name for column in field_probe(legs, "qpos").columns]
+    rows = np.tile(np.linspace(0.1, 1, 16), (3, 1))
+    rows[:, 1:5] = [0.6, 0.8, 0, 0]
+    table = pd.DataFrame({"time": [0, 0.1, 0.2], **dict(zip(names, rows.T, strict=True))})
+    table.to_csv(tmp_path / "legs.csv", index=False)
+    motion = read_motion(tmp_path / "legs.csv", legs, mujoco.MjData(legs))
+    assert motion.state(50)[state.fields(state.sizes(legs))["qpos"]].tolist() == rows[1].tolist()
+
+
+def test_arrays_of_many_mocap_bodies_are_read(tmp_path: Path) -> None:
+    bodies = "<body mocap='true'/>" * 12
+    stage = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")
+    places = np.arange(72.0).reshape(2, 36)
+    turns = Rotation.random(24, random_state=0).as_quat(scalar_first=True).reshape(2, 48)
+    np.savez(tmp_path / "stage.npz", time=[0.0, 0.1], mocap_pos=places, mocap_quat=turns)
+    motion = read_motion(tmp_path / "stage.npz", stage, mujoco.MjData(stage))
+    fields = state.fields(state.sizes(stage))
+    assert motion.state(50)[fields["mocap_pos"]].tolist() == places[1].tolist()
+    turned = Rotation.from_quat(motion.state(50)[fields["mocap_quat"]].reshape(12, 4), scalar_first=True)
+    expected = Rotation.from_quat(turns[1].reshape(12, 4), scalar_first=True)
+    assert (turned.inv() * expected).magnitude().max() < 1e-7
