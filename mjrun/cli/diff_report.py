@@ -79,7 +79,8 @@ def cases(result: DiffResult) -> Iterator[CiVerdict]:
 def _agreement(result: DiffResult) -> str:
     if result.model:
         places = f"; their XML differs in {counted(len(result.model.xml), 'place')}" if result.model.xml else ""
-        return f": they compile to the same model{places}"
+        within = "" if result.model.exact else " within the tolerance"
+        return f": they compile to the same model{within}{places}"
     if result.picture:
         return _picture_agreement(result.picture)
     if result.table is None:

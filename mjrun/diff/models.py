@@ -279,7 +279,18 @@ def compare_models(a: ModelSource, b: ModelSource, tolerances: Tolerances | None
     fields = [each for each in stated if isinstance(each, FieldDifference)]
     arrays = [each for each in stated if isinstance(each, ArrayDifference)]
     a_name, b_name = (source.text or MEMORY for source in (a, b))
-    return ModelComparison(a_name, b_name, fields, arrays, only_a, only_b, follow, xml_changes(a, b), tuple(warnings))
+    return ModelComparison(
+        a=a_name,
+        b=b_name,
+        fields=fields,
+        arrays=arrays,
+        only_a=only_a,
+        only_b=only_b,
+        computed=follow,
+        xml=xml_changes(a, b),
+        warnings=tuple(warnings),
+        exact=tolerances.are_exact,
+    )
 
 
 def _field_names(model: mujoco.MjModel) -> list[str]:

@@ -327,6 +327,7 @@ class ModelComparison:
         among `fields` and `arrays` instead.
       xml: the differences in the source, with lines, if both are XML files.
       warnings: MuJoCo's warnings during compilation.
+      exact: false if numbers agree within a tolerance.
     """
 
     a: str
@@ -338,10 +339,11 @@ class ModelComparison:
     computed: Sequence[DerivedFieldDifference]
     xml: Sequence[XmlChange]
     warnings: Sequence[str] = ()
+    exact: bool = True
 
     @property
     def equal(self) -> bool:
-        """True if both compile to the same model."""
+        """True if both compile to the same model, within the tolerance if there is one."""
         return not (self.fields or self.arrays or self.only_a or self.only_b)
 
 

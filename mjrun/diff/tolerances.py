@@ -48,6 +48,11 @@ class Tolerances:
         self._default = default
         self._patterns = [(pattern, Tolerance(*numbers)) for pattern, numbers in patterns.items()]
 
+    @property
+    def are_exact(self) -> bool:
+        """True if no column has a tolerance."""
+        return self._default.is_exact and all(tolerance.is_exact for _, tolerance in self._patterns)
+
     def of(self, name: str) -> Tolerance:
         """Returns the tolerance of the column `name`."""
         return self._last_match(name, self._default)

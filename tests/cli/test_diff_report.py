@@ -1,5 +1,6 @@
 """What a comparison finds, as text."""
 
+from dataclasses import replace
 from pathlib import Path
 
 from mjrun.cli.diff_report import cases, text, verdict
@@ -72,3 +73,5 @@ def test_models_are_reported_field_by_field() -> None:
     same = ModelComparison("a.xml", "b.xml", [], [], [], [], [], changes)
     agree = DiffResult("model", "a.xml", "b.xml", True, [], model=same)
     assert text(agree) == "a.xml and b.xml agree: they compile to the same model; their XML differs in 1 place"
+    near = DiffResult("model", "a.xml", "b.xml", True, [], model=replace(same, exact=False))
+    assert text(near).startswith("a.xml and b.xml agree: they compile to the same model within the tolerance; their")

@@ -13,9 +13,10 @@ from hypothesis import strategies as st
 
 from mjrun.diff.models import compare_models, xml_changes
 from mjrun.diff.result import ArrayDifference, FieldDifference, ModelComparison, UnmatchedObject
+from mjrun.diff.tolerances import Tolerance, Tolerances
 from mjrun.model.fields import COMPUTED, ModelField, is_layout, model_fields
 from mjrun.model.override import Override
-from mjrun.model.sources import parse_source
+from mjrun.model.sources import CompiledSource, parse_source
 from tests.cases import mjcf
 from tests.diff.models import CRATE, compared, spec, xml
 
@@ -385,6 +386,9 @@ def test_numbers_within_the_tolerance_agree() -> None:
     assert not compared(a, b, rtol=1e-7).equal
     assert compared(a, b, rtol=1e-5).equal
     assert compared(a, b, atol=1e-4).equal
+    assert [compared(a, b, **tolerance).exact for tolerance in ({}, {"atol": 1e-4}, {"rtol": 1e-5})] == [1, 0, 0]
+    of_masses = Tolerances(Tolerance(), {"body_mass": (1e-4,)})
+    assert not compare_models(CompiledSource(a), CompiledSource(b), of_masses).exact
 
 
 def test_integers_and_ids_have_no_tolerance() -> None:
