@@ -723,7 +723,8 @@ class Evaluation(_Evaluation):
         mean return, return=200; its interquartile mean, return_iqm=200; the mean of a metric; or the
         lower end of a confidence interval, success_low=0.8.
       videos: Number of episodes to record as videos, evenly spaced by return: 3 gives the worst, median
-        and best; or failures, all episodes that end in a failure.
+        and best; worst:3, those with the three lowest returns; failures, all episodes that end in a
+        failure.
       camera: Camera of the videos: a camera of the model, or a rig. [default: ('auto',)]
       size: Width and height of the videos [pixels]. [default: (640, 360)]
       quality: Rendering quality of the videos. One of draft, model, high. [default: 'model']
@@ -2087,7 +2088,8 @@ def evaluate(
         mean return, return=200; its interquartile mean, return_iqm=200; the mean of a metric; or the
         lower end of a confidence interval, success_low=0.8.
       videos: Number of episodes to record as videos, evenly spaced by return: 3 gives the worst, median
-        and best; or failures, all episodes that end in a failure.
+        and best; worst:3, those with the three lowest returns; failures, all episodes that end in a
+        failure.
       camera: Camera of the videos: a camera of the model, or a rig. [default: ('auto',)]
       size: Width and height of the videos [pixels]. [default: (640, 360)]
       quality: Rendering quality of the videos. One of draft, model, high. [default: 'model']

@@ -41,7 +41,7 @@ from mjrun.formats.local_and_remote_folders import LocalFolder, require_own_fold
 from mjrun.formats.output_writer import OutputWriter, publish_together
 from mjrun.formats.study_reader import check_result_folder, read_results
 from mjrun.model.source import ModelSource
-from mjrun.options.evaluation import FAILURES, MANIFEST, EpisodeVideoOptions, EvaluationOptions
+from mjrun.options.evaluation import FAILURES, MANIFEST, WORST, EpisodeVideoOptions, EvaluationOptions
 from mjrun.options.option import options, values_of
 from mjrun.options.sweep import PARTS, ExecutionOptions
 from mjrun.options.video import PointOrEpisodeVideoOptions
@@ -107,17 +107,21 @@ def chosen_videos(groups: Sequence[PlayedEpisodes], count: int | str) -> list[_V
     episodes is the lower of the two in the middle.
 
     Args:
-      count: number of videos, or `failures` for all episodes that end in a failure, by group and seed.
+      count: number of videos; `worst:3` for the three lowest returns; or `failures` for all episodes that end in a
+        failure, by group and seed.
     """
     where = [(g, e) for g, group in enumerate(groups) for e, each in enumerate(group.episodes) if each.status == "ok"]
-    if isinstance(count, str):
+    if count == FAILURES:
         is_failure = [groups[g].episodes[e].outcome == FAILURE for g, e in where]
         return [_VideoChoice(FAILURE, g, e) for (g, e), fails in zip(where, is_failure, strict=True) if fails]
     returns = np.array([groups[g].episodes[e].total for g, e in where])
     order: list[int] = np.argsort(np.where(np.isnan(returns), -np.inf, returns), kind="stable").tolist()
     last, middle = len(order) - 1, (len(order) - 1) // 2
-    count = min(count, len(order))
-    ranks = [middle if 2 * k == count - 1 else round(k * last / (count - 1)) for k in range(count)]
+    if isinstance(count, str):
+        ranks = range(min(int(count.removeprefix(WORST)), len(order)))
+    else:
+        count = min(count, len(order))
+        ranks = [middle if 2 * k == count - 1 else round(k * last / (count - 1)) for k in range(count)]
     words = {middle: "median", 0: "worst", last: "best"}  # of a lone episode: best
     return [_VideoChoice(words.get(rank, f"rank{rank + 1}"), *where[order[rank]]) for rank in dict.fromkeys(ranks)]
 
@@ -176,11 +180,16 @@ class _DistinctWarnings(PythonApiReporter):
             self._reporter.warn(text)
 
 
-def remove_old_videos(folder: Path, names: Collection[str]) -> None:
-    """Removes videos of an earlier evaluation, which could be mistaken for the new ones, called `names`."""
-    for path in folder.iterdir():
-        if NAMES.fullmatch(path.name) and path.name not in names:
-            path.unlink(missing_ok=True)
+def remove_old_videos(folder: Path, names: Collection[str]) -> list[str]:
+    """Removes videos of an earlier evaluation, which could be mistaken for those of this one, called `names`.
+
+    Returns:
+      the names of the removed files.
+    """
+    old = sorted(path.name for path in folder.iterdir() if NAMES.fullmatch(path.name) and path.name not in names)
+    for name in old:
+        (folder / name).unlink(missing_ok=True)
+    return old
 
 
 @options
@@ -277,7 +286,9 @@ class Evaluation(EvaluationOptions, ExecutionOptions):
             writers.append(stack.enter_context(manifest_writer(folder / MANIFEST, facts)))
             _publish(writers, folder, paths)
 
-        remove_old_videos(folder, [Path(path).name for path in paths])
+        if removed := remove_old_videos(folder, [Path(path).name for path in paths]):
+            videos_removed = f"removed {counted(len(removed), 'video')} of an earlier run: {listing(removed)}"
+            reporter.note(f"{clean(self.output)}: {videos_removed}; {option('output')} selects another folder")
         forget_code(played.groups, prepared, folder)
         if self.html is not None:
             from mjrun.evaluation.evaluation_page import write_evaluation_page

@@ -1,6 +1,7 @@
 """Options of the command `eval`: episodes, their metrics and pass criteria."""
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import field
 from typing import ClassVar
@@ -22,6 +23,7 @@ EXTRAS = {"eval": (("scipy", "pyarrow"), "mjrun eval")}
 MANIFEST = "evaluation.json"  # of the folder of an evaluation
 NO_THRESHOLDS: dict[str, Numbers] = {}
 FAILURES = "failures"
+WORST = "worst:"
 
 
 class LowestValuesKind(NamedNumbersKind):
@@ -52,19 +54,20 @@ class LowestValuesKind(NamedNumbersKind):
 
 
 class VideoCountKind(Kind[int | str, int | str]):
-    """A number of episodes, or `failures`."""
+    """A number of episodes, `worst:N`, or `failures`."""
 
-    metavar = f"N|{FAILURES}"
-    accepted = f"a number of episodes, or {FAILURES}"
+    metavar = f"N|worst:N|{FAILURES}"
+    accepted = f"a number of episodes, {WORST}3 for the three worst, or {FAILURES}"
+    words = rf"{WORST}[1-9][0-9]{{0,8}}|{FAILURES}"
 
     @property
     def form(self) -> Schema:
         number = {"type": "integer", "minimum": 0}
-        return {"anyOf": [number, {"type": "string", "enum": [FAILURES]}], "forms": self.accepted}
+        return {"anyOf": [number, {"type": "string", "pattern": f"^({self.words})$"}], "forms": self.accepted}
 
     def __call__(self, value: int | str) -> int | str:
         is_count = isinstance(value, int) and not isinstance(value, bool) and value >= 0
-        if value != FAILURES and not is_count:
+        if not is_count and not re.fullmatch(self.words, str(value)):
             raise InvalidValueError(self.accepted)
         return value
 
@@ -84,8 +87,8 @@ class EpisodeVideoOptions(PointOrEpisodeVideoOptions):
     videos: int | str = option(
         converter=VideoCountKind(),
         default=0,
-        help="Number of episodes to record as videos, evenly spaced by return: 3 gives the worst, median and best; or "
-        "failures, all episodes that end in a failure.",
+        help="Number of episodes to record as videos, evenly spaced by return: 3 gives the worst, median and best; "
+        "worst:3, those with the three lowest returns; failures, all episodes that end in a failure.",
     )
 
 

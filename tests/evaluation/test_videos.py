@@ -18,7 +18,7 @@ from tests.reporters import RecordingReporter
 from tests.study.in_process import simulate_here
 
 
-def chosen(returns: list[float], count: int) -> list[tuple[str, float]]:
+def chosen(returns: list[float], count: int | str) -> list[tuple[str, float]]:
     groups = [played(*returns)]
     return [(video.rank, totals(groups)[video.episode]) for video in chosen_videos(groups, count)]
 
@@ -43,6 +43,12 @@ def test_any_number_is_spaced_by_rank(count: int, expected: list[tuple[str, floa
         assert result == expected
     assert (result[0], result[-1]) == (expected[0], expected[-1])
     assert len(result) == min(count, 5)
+
+
+def test_the_worst_are_those_with_the_lowest_returns() -> None:
+    assert chosen([5, 1, 4, 2, 3], "worst:2") == [("worst", 1), ("rank2", 2)]
+    assert chosen([5, 1, 4, 2, 3], "worst:3")[2] == ("median", 3)
+    assert chosen([5, 1, 4, 2, 3], "worst:9") == chosen([5, 1, 4, 2, 3], 5)
 
 
 def test_of_an_even_number_the_median_is_the_lower_in_the_middle() -> None:
@@ -115,6 +121,23 @@ def test_a_camera_that_is_not_there_is_told_before_anything_is_played(tmp_path: 
 
 
 @pytest.mark.gl
+def test_removed_videos_of_an_earlier_run_are_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    simulate_here(monkeypatch)
+    task, out = cart_task(tmp_path, duration=0.1), tmp_path / "out"
+
+    def texts(videos: int | str) -> list[str]:
+        reporter = RecordingReporter()
+        some = Evaluation(task, str(out), policy="random", episodes=3, videos=videos, jobs=1, **SMALL)  # type: ignore[arg-type]
+        some.run(reporter)
+        return [text for text in reporter.texts if "removed" in text]
+
+    assert texts(3) == texts("worst:3") == []
+    removed = {path.name for path in out.glob("*.mp4")} - {path.name for path in out.glob("worst_*.mp4")}
+    (text,) = texts("worst:1")
+    assert text.startswith(f"{out}: removed 2 videos of an earlier run: {', '.join(sorted(removed))};")
+
+
+@pytest.mark.gl
 def test_an_evaluation_without_failures_reports_that_none_is_recorded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -128,5 +151,5 @@ def test_an_evaluation_without_failures_reports_that_none_is_recorded(
 def test_videos_of_an_earlier_evaluation_go_and_other_files_stay(tmp_path: Path) -> None:
     for name in ("worst_seed1.mp4", "rank3_point2_seed7.mp4", "best_seed2.mp4", "mine.mp4", "worst_seed1.mp4.txt"):
         (tmp_path / name).touch()
-    remove_old_videos(tmp_path, ["best_seed2.mp4"])
+    assert remove_old_videos(tmp_path, ["best_seed2.mp4"]) == ["rank3_point2_seed7.mp4", "worst_seed1.mp4"]
     assert {path.name for path in tmp_path.iterdir()} == {"best_seed2.mp4", "mine.mp4", "worst_seed1.mp4.txt"}

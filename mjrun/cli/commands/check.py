@@ -2,12 +2,13 @@
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import click
 
-from mjrun.cli.click_command import ON_FILES, ModelArgument, ParsedCommandLine, command
+from mjrun.cli.click_command import ON_FILES, WORDS, ModelArgument, ParsedCommandLine, command
 from mjrun.cli.console import Console, flag
 from mjrun.cli.simulation_command import import_mujoco
 from mjrun.confinement.confinement import is_readable
@@ -113,8 +114,11 @@ def _cards(console: Console) -> "FindingCards":
 
 def _require_models(paths: Sequence[str], form: str) -> None:
     """Refuses the name of a new file after an option that prints the report to standard output."""
+    words: Sequence[str] = click.get_current_context().meta[WORDS]
+    following = {after for word, after in pairwise(words) if word == flag(form)} if len(paths) > 1 else ()
     for path in paths:
-        if Path(path).suffix in REPORT_SUFFIXES and not exists(path):
+        is_report = Path(path).suffix in REPORT_SUFFIXES or path in following
+        if is_report and not exists(path):
             raise UsageError(f"{option(form)} prints to standard output; write > {clean(path)} after the command")
 
 

@@ -133,6 +133,11 @@ def test_a_file_after_the_option_of_a_report_is_not_taken_for_a_model(models: Co
     done = models("check", "warned.xml", "--sarif", "out.sarif")
     assert (done.returncode, done.stdout) == (2, b"")
     assert b"--sarif prints to standard output; write > out.sarif after the command" in done.stderr
+    done = models("check", "warned.xml", "--junit", "out.xml")
+    assert (done.returncode, done.stdout) == (2, b"")
+    assert b"--junit prints to standard output; write > out.xml after the command" in done.stderr
+    for words in (["--junit", "out.xml"], ["--junit", "warned.xml", "out.xml"]):
+        assert models("check", *words).returncode == 3
 
 
 def test_sarif_is_what_code_scanning_reads(models: Command) -> None:
