@@ -5,6 +5,7 @@ click calls `DeclaredCommand.invoke`, which calls the function that `command` ha
 
 import faulthandler
 import gc
+import re
 import sys
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -188,8 +189,12 @@ class DeclaredCommand(click.Command):
             typed = error.option_name.removeprefix("--")
             names = [param.name for param in self.params if isinstance(param, click.Option) and param.name]
             name = typed if typed.startswith("-") else typed.replace("-", "_")
-            meant = [other for other in OTHER_NAMES.get(name, near(name, names)) if other in names]
-            hint = suggestion(typed, (), *map(flag, meant)) or _commands_with(error.option_name, ctx)
+            others = OTHER_NAMES.get(name, near(name, names))
+            hint = (
+                _argument_hint(typed, self.params, ctx)
+                or suggestion(typed, (), *(flag(other) for other in others if other in names))
+                or _commands_with([error.option_name, *map(flag, others)], ctx)
+            )
             raise click.UsageError(f"No such option {quoted(error.option_name)}{hint}.", ctx) from None
 
         if extra and not ctx.resilient_parsing:
@@ -231,14 +236,29 @@ class DeclaredCommand(click.Command):
                     formatter.write(_help_entry(spelling, text, formatter.current_indent, formatter.width))
 
 
-def _commands_with(spelling: str, ctx: click.Context) -> str:
-    """Returns a remark on the other commands that have an option, or an empty text."""
+def _argument_hint(typed: str, params: Sequence[click.Parameter], ctx: click.Context) -> str:
+    """Returns a remark on the argument that a word after `--` names, or an empty text."""
+    arguments = [param.make_metavar(ctx) for param in params if isinstance(param, click.Argument)]
+    word = typed.upper()
+    is_argument = any(word in re.split(r"[^A-Z]+", metavar) for metavar in arguments)
+    return f" ({word} is an argument: write it without {flag(typed)})" if is_argument else ""
+
+
+def _commands_with(spellings: Sequence[str], ctx: click.Context) -> str:
+    """Returns a remark on the other commands that have an option, of the first of `spellings` that any of them has, or
+    an empty text.
+    """
     group = ctx.parent.command if ctx.parent else None
     if not isinstance(group, click.Group):
         return ""
     commands = [command for name in group.list_commands(ctx) if (command := group.get_command(ctx, name))]
-    having = [each.name or "" for each in commands if any(spelling in param.opts for param in each.params)]
-    return f" (an option of {listing([f'mjrun {name}' for name in having])})" if having else ""
+    for spelling in spellings:
+        having = [f"mjrun {each.name}" for each in commands if any(spelling in param.opts for param in each.params)]
+        if having:
+            meant = f"did you mean {quoted(spelling)}, " if spelling != spellings[0] else ""
+            end = "?" if meant else ""
+            return f" ({meant}an option of {listing(having)}{end})"
+    return ""
 
 
 def _help_entry(spelling: str, text: str, indent: int, width: int) -> str:

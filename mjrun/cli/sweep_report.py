@@ -21,6 +21,10 @@ if TYPE_CHECKING:
     from mjrun.study.study import StudyPreview, StudyResult
 
 SHOWN = 10  # reasons of failures
+NOTHING_MEASURED = (
+    "nothing was measured: --metric 'drift=max(abs(energy/drift))' computes a number per point from the columns that "
+    "mjrun trace MODEL --list shows; --keep trace stores the columns"
+)
 FEW = 4  # values of a point that are shown
 
 
@@ -51,6 +55,8 @@ def study_report(result: "StudyResult", simulation: Simulation, controller: str 
         page.lines("required", verdict_lines(result.assertions))
     if result.kept.points:
         page.note(_kept(result))
+    elif not result.metrics and "ok" in result.statuses:
+        page.note(NOTHING_MEASURED)
     page.note(_last_line(result))
     return page.text()
 

@@ -22,7 +22,7 @@ import mujoco
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import FileError, UnknownNameError, UsageError, clean, concerning, listing, option, quoted
+from mjrun.errors import FileError, UnknownNameError, UsageError, clean, concerning, listing, option, quoted, suggestion
 from mjrun.experiment.samplers import SAMPLERS, SAMPLES, correlated, rank_correlations
 from mjrun.formats.input_file import decoding, opened
 from mjrun.model.names import names
@@ -55,6 +55,7 @@ FACTORS = {
 QUANTITY = re.compile(rf"([-+.\deE]*[.\d])\s*({'|'.join(FACTORS)})")
 
 RANGE = re.compile(r"(-?[\d.]*\d(?:e-?\d+)?[a-z/]*)\.\.(-?[\d.]*\d(?:e-?\d+)?[a-z/]*)")  # without a count
+COLONS = re.compile(r"(-?\d*\.?\d+(?:e-?\d+)?(?::(?!$)|$)){2,3}")  # 0:1:3, a range in MATLAB or NumPy
 SPAN = re.compile(r"(?P<log>log:)?(?P<first>\.?[^.].*?)\.\.(?P<last>.+):(?P<count>.+)")
 MOST_IN_SPAN = 1_000_000
 DRAWN = 2**16  # samples whose values are computed at once
@@ -655,6 +656,11 @@ def value_list(path: str, text: str, name: str) -> Sequence[str]:
             first, last = ends.groups()
             meant = f"{first}..{last}:10 for ten values, or uniform({first},{last}) for random ones"
             raise UsageError(f"{place}: a range needs a count: {meant}")
+        if COLONS.fullmatch(part.strip()):
+            first, *middle, last = part.strip().split(":")
+            is_count = middle and last.isdecimal() and int(last) > 1
+            meant = f"{first}..{middle[0]}:{last}" if is_count else f"{first}..{last}:10"
+            raise UsageError(f"{place}: a range is FIRST..LAST:COUNT{suggestion(part, (), meant)}")
         span = SPAN.fullmatch(part.strip())
         values += _spaced(span, place) if span else [part.strip()]
     if not all(values) or len(set(values)) < len(values):

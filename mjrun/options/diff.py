@@ -31,7 +31,7 @@ class ColumnTolerancesKind(NamedNumbersKind):
         try:
             pattern, numbers = super().parse(text)
         except InvalidValueError:
-            raise InvalidValueError("COLUMNS=ATOL or COLUMNS=ATOL,RTOL, as in 'qvel/*=1e-6'") from None
+            raise InvalidValueError("COLUMNS=ATOL or COLUMNS=ATOL,RTOL, as in 'qvel/*=1e-6' or '*=1e-6'") from None
         _require_tolerance(numbers)
         return pattern, numbers
 

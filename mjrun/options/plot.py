@@ -15,6 +15,17 @@ from mjrun.options.trace import SamplingOptions
 STYLES = ("light", "dark", "print")
 
 
+class PanelCountKind(IntegerKind):
+    """A number of panels side by side."""
+
+    def __init__(self) -> None:
+        super().__init__(1, 8)
+
+    @property
+    def expected(self) -> str:
+        return f"{super().expected}, the number of panels side by side; y selects the columns of the table"
+
+
 @options
 class FigureOptions(Options):
     """Curves and appearance of a figure."""
@@ -99,7 +110,7 @@ class FigureOptions(Options):
         help="Size of letters [pt], for figures in papers.",
     )
     columns: int | None = option(
-        converter=optional(IntegerKind(1, 8)),
+        converter=optional(PanelCountKind()),
         default=None,
         usual="chosen by the number of panels",
         help="Number of panels side by side.",

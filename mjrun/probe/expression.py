@@ -25,6 +25,8 @@ COMPLEMENT |= {FINITE: NOT_FINITE, NOT_FINITE: FINITE}
 CONSTANTS = {"pi": math.pi, "inf": math.inf}
 KEYWORDS = ("and", "or", "not")
 MEANT = {"=": "==", "&": "and", "|": "or", "!": "not", "≤": "<=", "≥": ">=", "≠": "!=", "×": "*", "−": "-"}
+# What replaces a unit after a number.
+UNITS = {"deg": "* pi/180", "mm": "* 0.001", "cm": "* 0.01", "ms": "* 0.001", "rad": "", "m": "", "s": ""}
 REMEMBERED = 1024  # expressions
 
 

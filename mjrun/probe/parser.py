@@ -242,9 +242,16 @@ class Parser:
         token = self.token
         meant = tree.MEANT.get(token.text) if token.kind == "unknown" else None
         shown = quoted(shortened(token.text, SHOWN))
-        hint = f" (did you mean {meant}?)" if meant else ""
+        hint = f" (did you mean {meant}?)" if meant else self._unit_hint()
         shown = "the end" if token.kind == "end" else shown + hint
         return self._unquoted() or self.source.fault(token.start, shown, expected)
+
+    def _unit_hint(self) -> str:
+        """Returns a remark on the unit after a number, which is no part of expressions; empty for any other token."""
+        factor = tree.UNITS.get(self.token.text)
+        if factor is None or not self.text[: self.token.start].rstrip()[-1:].isdigit():
+            return ""
+        return f" (numbers have no units; write {factor})" if factor else " (numbers have no units; leave it out)"
 
     def _unquoted(self) -> UsageError | None:
         """Returns the error of a column that lacks its quotes here; None if there is no such column."""

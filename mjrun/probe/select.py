@@ -34,6 +34,7 @@ EVERYDAY_NAMES = {
     "angle": ("qpos",),
     "control": ("ctrl",),
     "force": ("actuator_force", "contact_force", "cfrc_ext"),
+    "friction": ("contact_force/friction", "contact_force"),
     "height": ("xpos/BODY/z", "com"),
     "joint_angle": ("qpos",),
     "joint_force": ("qfrc_actuator",),

@@ -8,7 +8,7 @@ from click.testing import CliRunner
 
 from mjrun.cli.click_command import ParsedCommandLine, command
 from mjrun.cli.console import Console
-from mjrun.cli.main import COMMANDS, load_command
+from mjrun.cli.main import COMMANDS, group, load_command
 from mjrun.options.kinds import ChoiceKind, FlagKind, OneOrMoreKind, TextKind, optional
 from mjrun.options.model import ServoGainsKind
 from mjrun.options.number_kinds import ExactNumberKind, IntegerKind, SizeKind
@@ -168,6 +168,24 @@ def test_what_an_option_is_called_elsewhere_suggests_it(name: str, suggested: st
 def test_the_first_guess_of_an_option_leads_to_it(name: str, typed: str, suggested: str) -> None:
     result = CliRunner().invoke(load_command(name), [typed, "1"], obj=Console(name))
     assert f"No such option '{typed}' (did you mean '{suggested}'" in result.output
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["fit", "--data", "a.csv"], "No such option '--data' (DATA is an argument: write it without --data)."),
+        (["video", "--model", "a.xml"], "No such option '--model' (MODEL is an argument: write it without --model)."),
+        (
+            ["trace", "--slow-motion", "2"],
+            "'--slow-motion' (did you mean '--speed', an option of mjrun ",
+        ),
+        (["trace", "--fps", "2"], "No such option '--fps' (an option of mjrun "),
+        (["plot", "a.csv", "--columns", "qpos/x"], "panels side by side; y selects the columns of the table"),
+        (["trace", "a.xml", "--tol", "1e-3"], "as in 'qvel/*=1e-6' or '*=1e-6'"),
+    ],
+)
+def test_options_of_other_commands_and_arguments_are_explained(words: list[str], message: str) -> None:
+    assert message in CliRunner().invoke(group, words, obj=Console(words[0])).output
 
 
 def test_every_other_name_of_an_option_leads_to_one() -> None:

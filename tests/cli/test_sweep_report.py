@@ -1,6 +1,8 @@
 """What is said of a study, and the command that shows one point."""
 
 import shlex
+from dataclasses import replace
+from typing import Any
 
 import mujoco
 import pytest
@@ -9,9 +11,11 @@ from mjrun.cli.click_command import ParsedCommandLine
 from mjrun.cli.commands.trace import trace
 from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import simulation
-from mjrun.cli.sweep_report import point_command, short_value
+from mjrun.cli.sweep_report import point_command, short_value, study_report
 from mjrun.simulation.simulation import Simulation
+from mjrun.study.point_files import KeptFiles
 from mjrun.study.spec import simulation_at
+from mjrun.study.study import MetricSummary, StudyResult
 
 
 @pytest.mark.parametrize(
@@ -43,6 +47,21 @@ def test_the_command_of_a_point_names_the_controller_as_the_user_did(values: dic
 def test_names_from_models_cannot_steer_the_terminal() -> None:
     model = mujoco.MjModel.from_xml_string("<mujoco/>")
     assert "\x1b" not in point_command(Simulation(model), {"geom/\x1b[31m.size": "1"})
+
+
+@pytest.mark.parametrize(
+    ("facts", "is_told"),
+    [
+        ({}, True),
+        ({"metrics": {"low": MetricSummary(3, 1.0, 0.0, [1.0] * 7, 0, 0)}}, False),
+        ({"kept": KeptFiles((1,))}, False),
+        ({"statuses": {"unstable": 3}}, False),
+    ],
+)
+def test_a_study_without_metrics_reports_that_nothing_was_measured(facts: dict[str, Any], is_told: bool) -> None:
+    result = StudyResult("st", 3, 3, {"ok": 3}, {}, [], [], ["st/results.csv"], 0.1, ["seed"])
+    text = study_report(replace(result, **facts), Simulation("a.xml"))
+    assert ("nothing was measured: --metric" in " ".join(text.split())) == is_told
 
 
 @pytest.mark.parametrize(
