@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, cast
 from mjrun.cli.click_command import is_repeatable
 from mjrun.cli.console import flag
 from mjrun.cli.report_formats import markdown_report
-from mjrun.cli.table_cells import ReportColumn, byte_size, interval_text, number, verdict_lines
+from mjrun.cli.table_cells import ReportColumn, byte_size, interval_text, number, short_value, verdict_lines
 from mjrun.cli.terminal_layout import TerminalReport
 from mjrun.errors import clean, counted, spelled
 from mjrun.model.table_column import with_unit
@@ -244,16 +244,6 @@ def _where(values: Mapping[str, str]) -> str:
     texts = [f"{name}={short_value(text)}" for name, text in values.items()]
     more = [f"… {len(texts) - FEW} more"] if len(texts) > FEW else []
     return clean(", ".join([*texts[:FEW], *more]))
-
-
-def short_value(text: str) -> str:
-    """Returns a value with a few digits; whole numbers, such as seeds, and texts are unchanged."""
-    if text.removeprefix("-").isdecimal() or "_" in text:  # which Python reads as part of a number
-        return text
-    try:
-        return number(float(text))
-    except ValueError:
-        return text
 
 
 def _failures(result: "StudyResult") -> list[ReportColumn]:

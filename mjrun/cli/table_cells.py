@@ -82,6 +82,16 @@ def common(texts: Iterable[str]) -> str:
     return ", ".join(dict.fromkeys(texts))
 
 
+def short_value(text: str) -> str:
+    """Returns a value with a few digits; whole numbers, such as seeds, and texts are unchanged."""
+    if text.removeprefix("-").isdecimal() or "_" in text:  # which Python reads as part of a number
+        return text
+    try:
+        return number(float(text))
+    except ValueError:
+        return text
+
+
 def verdict_lines(verdicts: Iterable["Verdict"]) -> list[tuple[str, str]]:
     """Returns whether each requirement holds, and its message."""
     return [("holds" if verdict.passed else "FAILS", clean(verdict.message)) for verdict in verdicts]

@@ -6,6 +6,7 @@ neither its process nor the episodes beside it change a bit of the result.
 
 import math
 import pickle
+import re
 import shutil
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -213,8 +214,18 @@ def _policies(options: EvaluationOptions, points: Design) -> list[tuple[str, Pol
         return [(own.name, own)]
     other = PolicyChoice(options.compare, options.compare_normalize, options.trust)
     if own.name != other.name:
-        return [(own.name, own), (other.name, other)]
+        first, second = distinct_ends(own.name, other.name)
+        return [(first, own), (second, other)]
     return [(f"{own.name} (1)", own), (f"{other.name} (2)", other)]
+
+
+def distinct_ends(first: str, second: str) -> tuple[str, str]:
+    """Returns the shortest ends of two different paths that differ: `a/p.onnx` and `b/p.onnx` of `runs/a/p.onnx` and
+    `runs/b/p.onnx`.
+    """
+    one, other = re.split(r"[/\\]", first), re.split(r"[/\\]", second)
+    count = next((n for n in range(1, max(len(one), len(other))) if one[-n:] != other[-n:]), 0)
+    return "/".join(one[-count:]), "/".join(other[-count:])
 
 
 def points_of(options: EvaluationOptions, task: ModelSource) -> Design:

@@ -74,6 +74,7 @@ class GaplessSamples:
       time: the time of each sample since the first one [s], `(n,)`.
       fields: `(n, size)` for each of `FIELDS` that the table has, and for qpos and qvel.
       position_remarks, other_remarks: warnings about its positions, and about the rest.
+      note: how velocities, activations and controls are filled if the table has none; empty if it has all.
 
     Raises:
       UsageError: times that do not ascend, infinite numbers, a missing first sample, or a quaternion that is zero or
@@ -95,6 +96,8 @@ class GaplessSamples:
         self.fields = {name: self._complete(name, initial[name]) for name in ("qpos", *present)}
         self.fields["qvel"] = self._velocities()
         self.position_remarks, self.other_remarks = list(self._on_positions()), list(self._on_the_rest())
+        filled = "; ".join(self._usual())
+        self.note = f"{clean(samples.source)}: {filled}" if filled else ""
 
     def _complete(self, field: str, initial: np.ndarray) -> np.ndarray:
         """Returns the numbers of a field `(n, size)`."""
@@ -208,16 +211,23 @@ class GaplessSamples:
 
     def _on_the_rest(self) -> Iterator[str]:
         source = clean(self._samples.source)
-        if missing := self._samples.missing("qvel"):
-            some = listing(missing) if self._samples.values.get("qvel") else "velocities"
-            yield f"{source} lacks {some}: they are finite differences of the positions"
-        absent: list[str] = []
-        for field in ("act", "ctrl"):
-            missing = self._samples.missing(field)
-            absent += missing if self._samples.values.get(field) else [field] if missing else []
+        missing = {field: self._samples.missing(field) for field in ("qvel", "act", "ctrl") if self._has(field)}
+        if velocities := missing.pop("qvel", ()):
+            yield f"{source} lacks {listing(velocities)}: they are finite differences of the positions"
+        absent = [name for names in missing.values() for name in names]
         absent += ["mocap"] if self._model.nmocap and not {"mocap_pos", "mocap_quat"} & self.fields.keys() else []
         if absent:
             yield f"{source} lacks {listing(absent)}: as in the initial state"
+
+    def _has(self, field: str) -> bool:
+        return bool(self._samples.values.get(field))
+
+    def _usual(self) -> Iterator[str]:
+        """Yields how fields that the table lacks as a whole are filled."""
+        if self._samples.missing("qvel") and not self._has("qvel"):
+            yield "velocities are finite differences of the positions"
+        if absent := [field for field in ("act", "ctrl") if self._samples.missing(field) and not self._has(field)]:
+            yield f"{listing(absent)} as in the initial state"
 
     def _on_gaps(self, source: str) -> Iterator[str]:
         if self._gaps:
@@ -307,6 +317,7 @@ class KinematicMotion:
       has_controls: whether the samples include controls.
       remarks: warnings for the user.
       position_remarks: those about positions.
+      note: see `GaplessSamples`.
 
     Raises:
       UsageError: as `GaplessSamples`.
@@ -331,6 +342,7 @@ class KinematicMotion:
         self.has_controls = "ctrl" in complete.fields
         self.position_remarks = complete.position_remarks
         self.remarks = [*complete.position_remarks, *complete.other_remarks]
+        self.note = complete.note
 
     def state(self, index: int) -> np.ndarray:
         """Returns the integration state at step `index` as a new array `(size,)`.

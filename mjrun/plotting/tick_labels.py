@@ -6,6 +6,7 @@ from itertools import pairwise
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _PLAIN = (1e-4, 1e6)  # of the largest tick; beyond, powers of ten are shown
+_LONG = 4  # decimals of a label, with a power of ten
 _DIGITS = 15  # that a float has
 _LEAST = -307  # power of ten, below which floats have fewer digits
 
@@ -47,6 +48,8 @@ def tick_labels(values: Sequence[float]) -> list[str]:
         return ["0" for _ in values]
     power = 0 if _PLAIN[0] <= largest < _PLAIN[1] else math.floor(math.log10(largest))
     decimals = _decimals(step / 10.0**power)
+    if decimals > _LONG and 0 < power < decimals + len("×10⁹"):  # as of epoch times: plain digits are shorter
+        power, decimals = 0, _decimals(step)
     return [_label(value, power, decimals) for value in values]
 
 

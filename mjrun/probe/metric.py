@@ -64,7 +64,7 @@ class RowChunk:
 
 
 def _place_text(row: int, time: float | None) -> str:
-    return f", at row {row}" + ("" if time is None else f", time {shown(time)}")
+    return f", at row {row}" + ("" if time is None else f", time {shown(time)} s")
 
 
 def shown(value: float) -> str:

@@ -351,7 +351,11 @@ class Simulation(SimulationOptions):
     def notes(self, model: mujoco.MjModel) -> list[str]:
         """Returns information for the user before the simulation runs."""
         gains = self.position_control
-        return [] if gains is None or {*parse_gains(gains)} == {*GAINS} else [servo_sentence(model)]
+        servos = [] if gains is None or {*parse_gains(gains)} == {*GAINS} else [servo_sentence(model)]
+        states = None if self.replay is None else self.replayed(model)
+        if states is None or isinstance(states, RecordingReader) or not states.note:
+            return servos
+        return [*servos, states.note]
 
     def remarks(self, model: mujoco.MjModel) -> list[str]:
         """Returns remarks for the user before the simulation runs."""
@@ -478,12 +482,7 @@ class Simulation(SimulationOptions):
         again = self.replay_mode == CONTROLS
         held = self._held_inputs(model, int(states.steps[-1])) if again else []
         if not isinstance(states, RecordingReader):
-            from mjrun.simulation.demonstration import names_demonstration
-
-            is_demonstration = names_demonstration(self._stored(self.replay))
-            positions = "the demonstration, without controls" if is_demonstration else "the table"
-            derived = f"forces and energies are computed by this model from the positions in {positions}"
-            return [*states.remarks, *(held if again else [derived])]
+            return [*states.remarks, *held]
         if states.facts.get("physics", physics := physics_fingerprint(model)) == physics:
             return held
         shown = "positions are the recorded ones, forces and energies are computed by this model"

@@ -11,7 +11,7 @@ from mjrun.cli.click_command import ParsedCommandLine
 from mjrun.cli.commands.trace import trace
 from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import simulation
-from mjrun.cli.sweep_report import point_command, short_value, study_report
+from mjrun.cli.sweep_report import point_command, study_report
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.point_files import KeptFiles
 from mjrun.study.spec import simulation_at
@@ -62,19 +62,3 @@ def test_a_study_without_metrics_reports_that_nothing_was_measured(facts: dict[s
     result = StudyResult("st", 3, 3, {"ok": 3}, {}, [], [], ["st/results.csv"], 0.1, ["seed"])
     text = study_report(replace(result, **facts), Simulation("a.xml"))
     assert ("nothing was measured: --metric" in " ".join(text.split())) == is_told
-
-
-@pytest.mark.parametrize(
-    ("text", "shown"),
-    [
-        ("0.123456789", "0.12346"),
-        ("1e-05", "1e-05"),
-        ("123456", "123456"),
-        ("4294967295", "4294967295"),
-        ("-1234567", "-1234567"),
-        ("1_0", "1_0"),
-        ("a.xml", "a.xml"),
-    ],
-)
-def test_a_value_has_few_digits_unless_it_is_whole_or_a_text(text: str, shown: str) -> None:
-    assert short_value(text) == shown

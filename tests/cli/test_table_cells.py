@@ -14,6 +14,7 @@ from mjrun.cli.table_cells import (
     numbers,
     ranges,
     reference,
+    short_value,
     slots,
     span,
     texts,
@@ -78,3 +79,19 @@ def test_a_range_has_its_own_unit_and_only_units_that_occur_are_shown() -> None:
 
 def test_vectors_are_written_as_in_mjcf() -> None:
     assert list(vectors("axis", [(0, 0.5, 1e-7), None]).cells) == ["0 0.5 1e-07", ""]
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("0.123456789", "0.12346"),
+        ("1e-05", "1e-05"),
+        ("123456", "123456"),
+        ("4294967295", "4294967295"),
+        ("-1234567", "-1234567"),
+        ("1_0", "1_0"),
+        ("a.xml", "a.xml"),
+    ],
+)
+def test_a_value_has_few_digits_unless_it_is_whole_or_a_text(text: str, shown: str) -> None:
+    assert short_value(text) == shown

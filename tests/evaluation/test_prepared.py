@@ -10,7 +10,7 @@ import pytest
 from mjrun.document.task import read_task
 from mjrun.errors import UnknownNameError, UsageError
 from mjrun.evaluation.episode import EpisodeGroupSpec, PolicyChoice
-from mjrun.evaluation.prepared import PreparedEvaluation, points_of, policy_at, task_at
+from mjrun.evaluation.prepared import PreparedEvaluation, distinct_ends, points_of, policy_at, task_at
 from mjrun.experiment.design import Design
 from mjrun.model.override import Override
 from mjrun.options.evaluation import EvaluationOptions
@@ -236,3 +236,21 @@ def test_a_specification_goes_to_another_process_as_it_is(tmp_path: Path) -> Non
 def test_a_policy_is_called_by_its_text_or_by_what_it_is() -> None:
     assert PolicyChoice("walk.onnx").name == "walk.onnx"
     assert PolicyChoice(len).name == "builtin_function_or_method"
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "expected"),
+    [
+        ("runs/a/new.onnx", "runs/a/old.onnx", ("new.onnx", "old.onnx")),
+        ("runs/a/p.onnx", "runs/b/p.onnx", ("a/p.onnx", "b/p.onnx")),
+        ("runs/p.py:act", "runs/p.py:other", ("p.py:act", "p.py:other")),
+        ("a/runs/p.onnx", "b/runs/p.onnx", ("a/runs/p.onnx", "b/runs/p.onnx")),
+        ("p.onnx", "runs/p.onnx", ("p.onnx", "runs/p.onnx")),
+        ("/p.onnx", "p.onnx", ("/p.onnx", "p.onnx")),
+        ("runs/p.onnx", "random", ("p.onnx", "random")),
+    ],
+)
+def test_two_policies_are_called_by_the_ends_of_their_paths_that_differ(
+    first: str, second: str, expected: tuple[str, str]
+) -> None:
+    assert distinct_ends(first, second) == distinct_ends(second, first)[::-1] == expected

@@ -112,6 +112,10 @@ def test_labels_have_the_digits_that_they_need() -> None:
     assert tick_labels([-0.5, 0.0, 0.5]) == ["−0.5", "0", "0.5"]
     assert tick_labels([100.0, 200.0]) == ["100", "200"]
     assert tick_labels([2e-6, 4e-6]) == ["2×10⁻⁶", "4×10⁻⁶"]
+    assert tick_labels([1.7e12, 1.7e12 + 500]) == ["1700000000000", "1700000000500"]
+    assert tick_labels([1.7e9, 1.7e9 + 0.25]) == ["1700000000.00", "1700000000.25"]
+    assert tick_labels([1.7e12, 1.7e12 + 1e7]) == ["1.70000×10¹²", "1.70001×10¹²"]
+    assert tick_labels([1.25e6, 2.5e6]) == ["1.25×10⁶", "2.50×10⁶"]
     assert tick_labels([0.0]) == ["0"]
     assert tick_labels([]) == []
 

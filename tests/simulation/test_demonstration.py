@@ -185,5 +185,4 @@ def test_remarks_tell_what_is_missing(file: Path) -> None:
         f"{file}:demo_1: its time 0.052 s is time 0 here",
         f"{file}:demo_1 does not state its version of MuJoCo (robosuite 1.4.1), and poses are computed by MuJoCo "
         f"{mujoco.mj_versionString()}: it has no observations to compare them with",
-        "forces and energies are computed by this model from the positions in the demonstration, without controls",
     ]

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from mjrun.errors import MjrunWarning
 from mjrun.formats.table_reader import open_table
 from mjrun.outputs.trace import Trace
 from mjrun.simulation.manifest import origin, plain
@@ -50,8 +49,7 @@ def test_tables_that_are_read_are_in_the_manifest_with_their_hashes(tmp_path: Pa
     table.write_text("t,deg\n0,0\n0.01,90\n")
     names.write_text("time=t\nqpos/h=deg*pi/180\n")
     simulation = Simulation(MODEL, replay=table, map=names)
-    with pytest.warns(MjrunWarning, match=r"log\.csv|forces"):
-        Trace(simulation, f"{tmp_path}/t.h5", manifest=f"{tmp_path}/m.json").run()
+    Trace(simulation, f"{tmp_path}/t.h5", manifest=f"{tmp_path}/m.json").run()
     result = json.loads((tmp_path / "m.json").read_text())["inputs"]
     assert [(entry["path"], entry["sha256"]) for entry in result] == [
         (str(path), hashlib.sha256(path.read_bytes()).hexdigest()) for path in (table, names)

@@ -153,7 +153,8 @@ def test_arrays_of_positions_and_velocities_are_what_they_are_called(tmp_path: P
         for name in ("qpos", "qvel", "ctrl"):
             assert numbers[FIELDS[name]].tobytes() == np.ascontiguousarray(getattr(run, name)[step]).tobytes()
     assert motion.has_controls
-    assert motion.remarks == ["".join((str(path), " lacks act, mocap: as in the initial state"))]
+    assert motion.remarks == [f"{path} lacks mocap: as in the initial state"]
+    assert motion.note == f"{path}: act as in the initial state"
 
 
 @pytest.mark.parametrize("suffix", ARRAYS)

@@ -10,7 +10,7 @@ import click
 from mjrun.cli.click_command import ON_FILES, ModelArgument, ParsedCommandLine, command
 from mjrun.cli.console import CommandReport, Console
 from mjrun.cli.simulation_command import import_mujoco, refuse_assignments, reported_failures, with_camera_scripts
-from mjrun.cli.table_cells import ReportColumn, interval_text, number, verdict_lines
+from mjrun.cli.table_cells import ReportColumn, interval_text, number, short_value, verdict_lines
 from mjrun.errors import clean, counted
 from mjrun.model.table_column import with_unit
 from mjrun.options.evaluation import EvaluationOptions, EvaluationReportOptions
@@ -232,7 +232,8 @@ def _point_columns(points: "Sequence[PointSummary]", names: Sequence[str], level
     own = [point.policies[0] for point in points]
     columns = [ReportColumn("point", [str(point.point) for point in points], right=True)]
     columns += [
-        ReportColumn(clean(name), [clean(point.values.get(name, "")) for point in points], right=True) for name in names
+        ReportColumn(clean(name), [clean(short_value(point.values.get(name, ""))) for point in points], right=True)
+        for name in names
     ]
     if own[0].success:
         shares = [each.success for each in own]

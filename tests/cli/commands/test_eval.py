@@ -221,6 +221,11 @@ def test_points_films_and_requirements_have_their_lines() -> None:
     assert "at 1 points" in text
 
 
+def test_parameters_of_points_have_few_digits() -> None:
+    point = PointSummary(0, {"mass": "0.12345678901234567"}, [OWN], None)
+    assert "0.12346 " in evaluation_report(result(points=[point], names=["mass"]))
+
+
 def test_names_cannot_steer_the_terminal() -> None:
     hostile = summary_of("\x1b[31m.onnx", SOME, [], [], 0.9, can_succeed=False)
     video = EpisodeVideo("best", "\x1b[2J.mp4", 9, None, 1.0, "\x1b")

@@ -219,7 +219,7 @@ def test_with_json_a_failure_is_reported_beside_what_was_made(mjrun_here: Comman
     done = mjrun_here("run", study, "--json")
     told = json.loads(done.stdout)
     assert done.returncode == told["error"]["exit_code"] == 1
-    assert told["error"]["messages"] == ["max(time) < 0: it is 0.1, at row 50, time 0.1"]
+    assert told["error"]["messages"] == ["max(time) < 0: it is 0.1, at row 50, time 0.1 s"]
     assert [result["kind"] for result in told["results"]] == ["Trace", "Plot", "Recording"]
     done = mjrun_here(
         "trace", study.with_name("swing.xml"), "--duration", ".1", "-o", "a.csv", "--assert", "max(time) < 0", "--json"
