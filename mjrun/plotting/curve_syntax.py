@@ -20,11 +20,12 @@ from mjrun.options.schema_validation import InvalidValueError
 from mjrun.probe.expression import ColumnReference
 from mjrun.probe.row_expression import RowExpression, parse_row_expression
 from mjrun.probe.scanner import QUOTES, spelled
+from mjrun.probe.vocabularies import TableVocabulary
 
 T = TypeVar("T")
 
 _TITLE = re.compile(r"""\s*((?:[^:='`"]|:(?!\s))+?)\s*:\s+(.*)""", re.DOTALL)
-_LABEL = re.compile(r"""\s*([^='`"]*[^='`"\s])\s*=(.*)""", re.DOTALL)
+_LABEL = re.compile(r"""\s*([^='`"]*[^='`"\s])\s*(?<![<>!])=(?!=)(.*)""", re.DOTALL)
 _WILDCARD = re.compile(r"[^\s()]*(?:/\*|\*/|\?)[^\s()]*|\*[^\s()]*|[^\s()]*\*")  # not a product of two values
 _OPENING, _CLOSING = "([", ")]"
 _PANEL = re.compile(r"\s*([1-9][0-9]{0,3}):(.*)", re.DOTALL)
@@ -95,7 +96,8 @@ def parse_curves(text: str, columns: Sequence[str], label: str, x: str | None = 
     text = text.strip()
     if text in columns:
         return [_of_column(text)]
-    if named := _LABEL.fullmatch(text):
+    named = _LABEL.fullmatch(text)
+    if named and named[1].count("(") <= named[1].count(")"):  # otherwise `=` is within a call
         name, unit = split_unit(named[1])
         inner = parse_curves(named[2], columns, label, x)
         if len(inner) != 1:
@@ -107,7 +109,7 @@ def parse_curves(text: str, columns: Sequence[str], label: str, x: str | None = 
         return [_of_column(name) for name in matching]
     if _WILDCARD.fullmatch(text):
         raise UnknownNameError("column", text, columns, where=label)
-    expression = parse_row_expression(text, columns, label)
+    expression = parse_row_expression(text, TableVocabulary(columns), label)
     if isinstance(expression.root, ColumnReference):  # in quotes
         return [_of_column(expression.root.name)]
     return [CurveSpec(text, None, expression, None)]

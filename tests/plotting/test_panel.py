@@ -230,6 +230,31 @@ def test_panels_are_counted_from_one() -> None:
     assert panel_index(3, 3, "mark") == 2
 
 
+KNEE = {"qpos/knee": np.array([-1.0, 0.5, 0.5, 2.0]), "contact/a/b": np.array([0.0, 2.0, 1.0, 0.0])}
+
+
+@pytest.mark.parametrize("label", ["", "high=", "high [m]=", "high (max) =", "high! = ", "P: "])
+@pytest.mark.parametrize(
+    ("operator", "holds"), [(">=", [0, 1, 1, 1]), ("<=", [1, 1, 1, 0]), ("==", [0, 1, 1, 0]), ("!=", [1, 0, 0, 1])]
+)
+def test_comparisons_in_curves_are_not_labels(label: str, operator: str, holds: list[int]) -> None:
+    text = f"where(qpos/knee {operator} 0.5, 1, 0)"
+    (curve,) = parse_panel(label + text, list(KNEE)).curves
+    assert curve.name == (label.split("=")[0].removesuffix(" [m]").strip() if "=" in label else text)
+    assert curve.expression.values(KNEE).tolist() == holds
+
+
+@pytest.mark.parametrize("operator", [">=", "<=", "==", "!="])
+def test_a_comparison_is_not_a_curve(operator: str) -> None:
+    with pytest.raises(UsageError, match="found a comparison, expected a number"):
+        parse_panel(f"qpos/knee {operator} 0.5", list(KNEE))
+
+
+def test_curves_refer_to_columns_by_group_and_object_as_events_do() -> None:
+    (curve,) = parse_panel("2*contact(a, b) - qpos(knee)", list(KNEE)).curves
+    assert curve.expression.values(KNEE).tolist() == [1.0, 3.5, 1.5, -2.0]
+
+
 def test_a_unit_stands_in_brackets_at_the_end() -> None:
     assert split_unit("depth [mm]") == ("depth", "mm")
     assert split_unit("a[0] b") == ("a[0] b", None)
