@@ -26,7 +26,8 @@ T = TypeVar("T")
 
 _TITLE = re.compile(r"""\s*((?:[^:='`"]|:(?!\s))+?)\s*:\s+(.*)""", re.DOTALL)
 _LABEL = re.compile(r"""\s*([^='`"]*[^='`"\s])\s*(?<![<>!])=(?!=)(.*)""", re.DOTALL)
-_WILDCARD = re.compile(r"[^\s()]*(?:/\*|\*/|\?)[^\s()]*|\*[^\s()]*|[^\s()]*\*")  # not a product of two values
+# Neither a product of two values nor a column in quotes.
+_WILDCARD = re.compile(r"""[^\s()'`"]*(?:/\*|\*/|\?)[^\s()'`"]*|\*[^\s()'`"]*|[^\s()'`"]*\*""")
 _OPENING, _CLOSING = "([", ")]"
 _PANEL = re.compile(r"\s*([1-9][0-9]{0,3}):(.*)", re.DOTALL)
 

@@ -250,6 +250,14 @@ def test_a_comparison_is_not_a_curve(operator: str) -> None:
         parse_panel(f"qpos/knee {operator} 0.5", list(KNEE))
 
 
+@pytest.mark.parametrize("name", ["q?", "a/*b", "st*r", "a*/b", "*", "it's?", "a, b?", "k=v?", "T: q?"])
+def test_a_column_in_quotes_is_not_a_wildcard(name: str) -> None:
+    quoted = "'" + name.replace("'", "''") + "'"
+    for text, factor in ((quoted, 1), (f"L={quoted}", 1), (f"{quoted}*2", 2), (f"2*{quoted}", 2)):
+        (curve,) = parse_panel(text, ["time", name]).curves
+        assert curve.expression.values({"time": np.zeros(1), name: np.array([3.0])}).tolist() == [3 * factor]
+
+
 def test_curves_refer_to_columns_by_group_and_object_as_events_do() -> None:
     (curve,) = parse_panel("2*contact(a, b) - qpos(knee)", list(KNEE)).curves
     assert curve.expression.values(KNEE).tolist() == [1.0, 3.5, 1.5, -2.0]
