@@ -38,6 +38,7 @@ from mjrun.platform import system
 from mjrun.platform.cores import available_cores
 from mjrun.probe.episode_columns import EpisodeColumns
 from mjrun.probe.select import available_columns, split
+from mjrun.probe.vocabularies import ModelVocabulary
 from mjrun.rendering.added_geoms import Decoration
 from mjrun.rendering.backend import WorkingBackend, lacks_gpu
 from mjrun.rendering.classic import check_size
@@ -136,7 +137,8 @@ def overlay_probes(
     """
     with concerning("text"):
         columns = [column.name for column in available_columns(model, episode)] if text else []
-        template = parse_template(text, columns) if text else OverlayText([])
+        vocabulary = ModelVocabulary(model)
+        template = parse_template(text, columns, vocabulary.is_pair) if text else OverlayText([])
         tables = [ProbeSampler(model, template.columns, timeline, episode)]
     for index, plot in enumerate(plots):
         with concerning("plot", index):

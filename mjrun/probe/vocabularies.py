@@ -53,6 +53,10 @@ class ModelVocabulary(Vocabulary):
             return None if self._unpaired(name) else name
         return column_name
 
+    def is_pair(self, name: str) -> bool:
+        """Returns whether `name` is a column `contact/A/B`."""
+        return name.startswith(self.beginnings) and self.column(name) == name
+
     def _listed(self, name: str) -> str | None:
         return self._part(_group(name)).column(name)
 

@@ -10,7 +10,7 @@ import math
 import re
 import string
 import unicodedata
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from itertools import accumulate
 from pathlib import Path
@@ -335,11 +335,12 @@ class OverlayText:
         return "".join(texts)
 
 
-def parse_template(text: str, columns: Sequence[str]) -> OverlayText:
+def parse_template(text: str, columns: Sequence[str], is_column: Callable[[str], bool] | None = None) -> OverlayText:
     """Parses a template.
 
     Args:
       columns: the columns that can be measured.
+      is_column: returns whether a name that is not listed is a column, too: there are too many pairs to list them.
 
     Raises:
       UnknownNameError: a value is unknown.
@@ -352,7 +353,8 @@ def parse_template(text: str, columns: Sequence[str]) -> OverlayText:
             f"{option('text')} {quoted(text)}: {error}\nwrite a value as {{time:.2f}} and a brace as {{{{"
         ) from None
     valid = [*BUILTIN, *columns]
-    return OverlayText([_part(literal, name, form, valid) for literal, name, form in map(_unconverted, parsed)])
+    fields = map(_unconverted, parsed)
+    return OverlayText([_part(literal, name, form, valid, is_column) for literal, name, form in fields])
 
 
 def _unconverted(
@@ -363,11 +365,20 @@ def _unconverted(
     return literal, f"{name}!{conversion}" if conversion else name, form
 
 
-def _part(literal: str, name: str | None, form: str | None, valid: Sequence[str]) -> OverlayTextPart:
+def _part(
+    literal: str,
+    name: str | None,
+    form: str | None,
+    valid: Sequence[str],
+    is_column: Callable[[str], bool] | None,
+) -> OverlayTextPart:
     if name is None:
         return OverlayTextPart(literal)
     whole = f"{name}:{form}" if form else name  # a column may hold a colon itself, as in qpos/joint:0
     column = max((column for column in valid if whole == column or whole.startswith(f"{column}:")), key=len, default="")
+    if not column and is_column is not None:
+        ends = [len(whole), *(index for index in range(len(whole) - 1, 0, -1) if whole[index] == ":")]
+        column = next((whole[:end] for end in ends if is_column(whole[:end])), "")
     if not column:
         raise UnknownNameError("value", name, valid, where=option("text"))
     form = whole[len(column) + 1 :] or BUILTIN.get(column, DEFAULT_FORMAT)

@@ -90,6 +90,30 @@ def test_what_an_overlay_has_besides_texts_and_graphs_stays(swing: Path) -> None
     )
 
 
+def test_texts_count_the_contacts_of_two_objects() -> None:
+    model = mujoco.MjModel.from_xml_string("""
+      <mujoco><worldbody>
+        <geom name="floor" type="plane" size="1 1 .1"/>
+        <body name="box" pos="0 0 .1"><freejoint/><geom name="b:1" type="box" size=".1 .1 .1"/></body>
+        <body name="ball" pos="1 0 .05"><freejoint/><geom size=".06"/></body>
+      </worldbody></mujoco>""")
+    timeline = Timeline.of_steps(Fraction(1, 500), 1)
+    text = "{contact/box/floor} {contact/geom:b:1/geom:floor:.1f} {contact/ball/box:g} {contact/ncon:g}"
+    probes = overlay_probes(model, timeline, text)
+    row = probes.read(PhysicsStepper(probes.model, mujoco.MjData(probes.model)))
+    overlay = probes.overlay(empty_overlay(SIZE, "top"), np.array([row]), [0], [1.0], timeline)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    floor, box = (np.array(data.contact.geom) == index for index in (0, 1))
+    count = int((floor.any(axis=1) & box.any(axis=1)).sum())
+    assert count == 4
+    assert overlay.texts == [f"{count} {count}.0 0 {data.ncon}"]
+
+    for wrong in ("contact/box/flor", "contact/box", "contact/box/floor/x"):
+        with pytest.raises(UnknownNameError, match="no value"):
+            overlay_probes(model, timeline, f"{{{wrong}}}")
+
+
 def test_nothing_is_measured_for_a_text_of_time_alone(swing: Path) -> None:
     model = mujoco.MjModel.from_xml_path(str(swing))
     timeline = Timeline.of_steps(Fraction(1, 500), 100)
