@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Container, Iterable, Sequence
+from contextlib import suppress
 from fnmatch import fnmatchcase
 
 import mujoco
@@ -199,13 +200,17 @@ def _named(model: mujoco.MjModel, episode: EpisodeColumns | None, group: str, re
             if indices := [names.index(text)] if text in names else inner:
                 return probe.only(indices)
 
+    if group == PAIRS:
+        for name in (rest, rest.rstrip(), rest.lstrip()):  # a name may begin or end with spaces
+            with suppress(UnknownNameError):
+                return pair(name, model)
+        return pair(rest.strip(), model)
+
     rest = rest.strip()
     for probe in candidates.values():  # lists of probes lose the spaces at the end of a name
         objects = [object_of(column.name) for column in probe.columns]
         if len({name for name in objects if name.strip() == rest}) == 1:
             return probe.only([i for i, name in enumerate(objects) if name.strip() == rest])
-    if group == PAIRS:
-        return pair(rest, model)
     columns = [column.name for column in _whole(model, episode, group).columns]
     objects = dict.fromkeys(object_of(name) for name in columns)
     joints = joints_of(model, rest, objects)

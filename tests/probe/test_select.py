@@ -7,6 +7,7 @@ import pytest
 
 from mjrun.errors import MjrunError, UnknownNameError, UsageError
 from mjrun.options.trace import PROBES
+from mjrun.probe.fields import MjDataProbe
 from mjrun.probe.select import aliases, available_columns, column_groups, select, selected_columns, split
 from tests.cases import cases, mjcf
 
@@ -129,6 +130,22 @@ def test_a_comma_in_a_name_is_written_as_a_wildcard(text: str) -> None:
         select(model, [text])
     assert caught.value.__notes__ == ["commas separate probes: write qpos[left?hip]"]
     assert [column.name for column in selected_columns(model, ["qpos[left?hip]"])] == ["qpos/left,hip"]
+
+
+def test_pairs_keep_the_spaces_at_the_ends_of_a_name() -> None:
+    model = mujoco.MjModel.from_xml_string("""
+      <mujoco><worldbody>
+        <geom name="floor" type="plane" size="1 1 .1"/>
+        <body name=" pad "><freejoint/><geom size=".1"/></body>
+        <body name="pad" pos="0 0 9"><freejoint/><geom size=".1"/></body>
+      </worldbody></mujoco>""")
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    counts = {"contact/floor/ pad ": 1, " contact/ pad /floor ": 1, "contact/floor/pad": 0, "contact/floor/pad ": 0}
+    for name, count in counts.items():
+        (probe,) = select(model, [name])
+        assert isinstance(probe, MjDataProbe)
+        assert probe.measure(model, data).tolist() == [count]
 
 
 def test_spaces_at_the_ends_of_a_name_belong_to_it_where_an_object_has_them() -> None:
