@@ -164,7 +164,7 @@ class DemonstrationFile:
             if not isinstance(masks, h5py.Group):
                 return {}
             datasets = {str(name): _dataset(masks, str(name)) for name in masks}
-            return {name: math.prod(each.shape or ()) for name, each in datasets.items() if each is not None}
+            return {name: int(each.size or 0) for name, each in datasets.items() if each is not None}
 
     @contextmanager
     def _decoding(self, where: str = "") -> Generator[None]:

@@ -63,7 +63,12 @@ def test_every_program_states_the_origin_in_its_way(
 
 
 def test_an_episode_is_described_with_its_images_and_rewards(tmp_path: Path) -> None:
-    observations = {"agentview_image": np.zeros((5, 4, 4, 3), np.uint8), "robot0_eef_pos": np.zeros((5, 3))}
+    observations = {
+        "agentview_image": np.zeros((5, 4, 4, 3), np.uint8),
+        "agentview_depth": np.zeros((5, 4, 4, 1), np.float32),
+        "gripper_closed": np.zeros((5, 1), np.uint8),
+        "robot0_eef_pos": np.zeros((5, 3)),
+    }
     states = recorded_states()
     states[:, 0] += 0.7  # recorded from a later time on
     path = write_demonstrations(tmp_path / "d.hdf5", {"demo_1": states}, observations=observations)
@@ -71,12 +76,15 @@ def test_an_episode_is_described_with_its_images_and_rewards(tmp_path: Path) -> 
         written["data/demo_1/rewards"] = np.array([0, 0, 0, 0, 1])
         written["data/demo_1"].attrs["ep_meta"] = '{"lang": "lift it"}'
         written["mask/train"] = np.array([b"demo_1"])
+        written["mask/both"] = np.array([b"demo_1", b"demo_2"])
+        written["mask/none"] = h5py.Empty("S6")
     with DemonstrationFile(path) as file:
         seconds = pytest.approx(0.2, abs=1e-12)
         expected = DemonstrationListEntry("demo_1", 5, seconds, "lift it", 1.0, ("agentview_image",))
         assert file.episode("demo_1") == expected
         assert file.observations("demo_1") == {key: values.shape for key, values in observations.items()}
-        assert file.subsets == {"train": 1}
+        assert file.datasets("demo_1") == ["actions", "rewards", "states"]
+        assert file.subsets == {"train": 1, "both": 2, "none": 0}
         assert file.origin("demo_1").instruction == "lift it"
 
 
