@@ -101,3 +101,43 @@ def test_a_torque_is_that_of_the_joint_after_an_actuator_with_several_gears() ->
     torques.apply(np.array([[1.5]]), data.ctrl[None], slice(None))
     mujoco.mj_forward(model, data)
     assert data.joint("hinge").qfrc_actuator == pytest.approx(1.5)
+
+
+@pytest.mark.parametrize(
+    "actuator",
+    [
+        "motor gear='3'",
+        "general gainprm='-2' gear='0.5'",
+        "motor gear='0'",
+        "general gainprm='0'",
+        "position kp='3'",
+        "velocity kv='3'",
+        "damper kv='3' ctrlrange='0 1'",
+        "general gaintype='affine' gainprm='2 1 0'",
+        "general biastype='affine' biasprm='1 0 0'",
+        "general dyntype='integrator'",
+        "general dyntype='filter' dynprm='.1'",
+        "muscle lengthrange='0 1'",
+    ],
+)
+def test_a_joint_accepts_torques_if_mujocos_torque_is_proportional_to_the_control(actuator: str) -> None:
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><worldbody><body><joint name="j"/><geom size=".1"/></body></worldbody>'
+        f"<actuator><{actuator} joint='j'/></actuator></mujoco>"
+    )
+    data = mujoco.MjData(model)
+    generator = np.random.default_rng(0)
+    controls, torques = generator.uniform(0.1, 1, size=5), np.empty(5)
+    for i, control in enumerate(controls):
+        data.qpos[:], data.qvel[:], data.ctrl[:] = *generator.normal(size=2), control
+        data.act[:] = generator.uniform(size=model.na)
+        mujoco.mj_forward(model, data)
+        torques[i] = data.qfrc_actuator[0]
+    is_motor = torques.all() and np.ptp(torques / controls) < 1e-12
+
+    action = Action(joints="j", target="torque")
+    if is_motor:
+        ActionMap([action], model)
+    else:
+        with pytest.raises(UsageError, match="is not a motor"):
+            ActionMap([action], model)
