@@ -1,5 +1,6 @@
 """Encoded images: EXR as ffmpeg decodes it, and whole numbers against exact rationals."""
 
+import io
 import struct
 import subprocess
 from fractions import Fraction
@@ -45,6 +46,7 @@ def test_nothing_is_zero_and_what_touches_the_lens_is_not_nothing() -> None:
 
 
 @given(st.lists(depths | st.just(float("inf")), min_size=1, max_size=20))
+@example([65.535, 65.5355])  # the last millimetre within reach is not clipped
 def test_the_clipped_share_counts_what_is_seen_and_would_need_more_than_16_bits(metres: list[float]) -> None:
     depth = np.array([metres], np.float32)
     seen = [Fraction(float(d)) for d in depth[0] if np.isfinite(d)]
@@ -100,6 +102,37 @@ def test_texts_are_attributes(tmp_path: Path) -> None:
     file = encode_exr(smooth(3, 3), {"comment": "grün", "title": ""})
     assert b"comment\0string\0" + struct.pack("<i", 5) + "grün".encode() + b"title\0string\0" + bytes(4) in file
     assert decoded(file, tmp_path) == smooth(3, 3).tobytes()
+
+
+def header(file: bytes) -> dict[str, tuple[str, bytes]]:
+    """Returns the type and the bytes of each attribute, read as the layout of OpenEXR files defines them."""
+    attributes = dict[str, tuple[str, bytes]]()
+    stream = io.BytesIO(file)
+    assert stream.read(8) == bytes.fromhex("762f3101 02000000")  # magic number; version 2, single part of scan lines
+
+    def text() -> str:
+        return b"".join(iter(lambda: stream.read(1), b"\0")).decode()
+
+    while name := text():
+        kind = text()
+        (size,) = struct.unpack("<i", stream.read(4))
+        attributes[name] = (kind, stream.read(size))
+    return attributes
+
+
+def test_the_header_is_what_the_layout_of_openexr_requires() -> None:
+    whole = struct.pack("<4i", 0, 0, 6, 4)  # the first and the last pixel, included
+    channel = b"Y\0" + struct.pack("<i", 2) + bytes(4) + struct.pack("<ii", 1, 1)  # FLOAT, not pLinear, every pixel
+    assert header(encode_exr(smooth(5, 7))) == {
+        "channels": ("chlist", channel + b"\0"),
+        "compression": ("compression", b"\3"),  # ZIP: 16 lines in a block
+        "dataWindow": ("box2i", whole),
+        "displayWindow": ("box2i", whole),
+        "lineOrder": ("lineOrder", b"\0"),  # increasing y
+        "pixelAspectRatio": ("float", struct.pack("<f", 1)),
+        "screenWindowCenter": ("v2f", bytes(8)),
+        "screenWindowWidth": ("float", struct.pack("<f", 1)),
+    }
 
 
 def test_smooth_depth_is_compressed() -> None:

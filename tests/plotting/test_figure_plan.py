@@ -73,6 +73,32 @@ def test_events_are_marked_where_a_condition_begins_to_hold() -> None:
     assert notes == ["qpos/a > 99 never happens"]
 
 
+def test_texts_and_ranges_are_those_that_were_chosen() -> None:
+    texts = FigureOptions(title="A fall", xlabel="t", legend_title="joint", ylabel=["2:count"])
+    ranges = FigureOptions(xlim=(0.1, 0.5), ylim=["-1..1", "2:0..9"])
+    drawing, _ = drawn(texts, rows())
+    assert (drawing.title, drawing.x_label, drawing.legend_title) == ("A fall", "t", "joint")
+    assert [panel.axis_label for panel in drawing.panels] == ["", "count"]
+
+    drawing, _ = drawn(ranges, rows())
+    assert drawing.x_limits == (0.1, 0.5)
+    assert [panel.limits for panel in drawing.panels] == [(-1, 1), (0, 9)]
+    assert (drawing.title, drawing.legend_title) == ("", "")
+
+
+def test_columns_of_one_table_are_named_without_it_and_have_their_colours() -> None:
+    drawing, _ = drawn(FigureOptions(), rows())
+    names = [[(c.name, c.colour, c.variant) for c in panel.curves] for panel in drawing.panels]
+    assert names == [[("a", 0, 0), ("b", 1, 0)], [("contact/ncon", 0, 0)]]
+
+
+def test_horizontal_marks_are_in_their_panel_or_all_and_vertical_marks_in_the_figure() -> None:
+    drawing, _ = drawn(FigureOptions(mark=["limit=0.5", "2:two=2", "x:impact=0.3"]), rows())
+    horizontal = [[(mark.label, mark.value) for mark in panel.marks] for panel in drawing.panels]
+    assert horizontal == [[("limit", 0.5)], [("limit", 0.5), ("two", 2)]]
+    assert [(mark.label, mark.value) for mark in drawing.marks] == [("impact", 0.3)]
+
+
 def test_events_beyond_a_bound_are_counted() -> None:
     values = rows(10 * EVENTS)
     drawing, notes = drawn(FigureOptions(mark_event=["contact/ncon > 1"]), values)
