@@ -268,7 +268,9 @@ def test_episodes_that_fail_are_named_and_the_others_stay(tmp_path: Path) -> Non
     assert not (tmp_path / "none/meta").exists()
     (tmp_path / "raising.py").write_text("def act(observation):\n    raise ValueError('no idea')\n")
     raising = replace(simulation, policy=f"{tmp_path / 'raising.py'}:act")
-    with pytest.raises(FailedEpisodesError, match=r"raised ValueError: no idea\n.*Traceback(.|\n)*line 2, in act"):
+    with pytest.raises(
+        FailedEpisodesError, match=r"raised ValueError: no idea \(raising.py:2\)\n.*Traceback(.|\n)*line 2, in act"
+    ):
         made(raising, tmp_path / "none", episodes=2)
 
 
