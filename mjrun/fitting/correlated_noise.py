@@ -77,6 +77,18 @@ def visible_share(correlations: Floats) -> Floats:
     return 1 - 1.5 * correlations + 0.6 * correlations**2 - 0.1 * correlations**3
 
 
+def visible_noise(residuals: Sequence[Floats]) -> Floats:
+    """Returns the standard deviation of white noise with the third differences of residuals, `(signals,)`.
+
+    It is infinite where too few samples are measured.
+
+    Args:
+      residuals: residuals of each chunk, `(n, signals)`; NaN where nothing was measured.
+    """
+    differences = [np.concatenate([np.diff(each, 3) for each in parts]) for parts in samples_by_signal(residuals)]
+    return np.array([np.sqrt((each**2).mean() / 20) if len(each) else np.inf for each in differences])
+
+
 def samples_by_signal(residuals: Sequence[Floats]) -> list[list[Floats]]:
     """Returns the samples of each signal in each chunk, without those that are missing.
 

@@ -21,14 +21,16 @@ from mjrun.errors import (
     spelled,
 )
 from mjrun.fitting.correlated_noise import correlations as noise_correlations
-from mjrun.fitting.correlated_noise import visible_share
+from mjrun.fitting.correlated_noise import visible_noise, visible_share
 from mjrun.fitting.free_parameter import MARGIN, free_parameters, require_effect, values_at
 from mjrun.fitting.information import Sensitivity, bound_reached, intervals, sensitivity
 from mjrun.fitting.measurements import (
     CONTROLS,
     Measurements,
     first_noise,
+    least_noise,
     read_measurements,
+    rounding,
     set_noise,
     shared,
     spread_of,
@@ -81,6 +83,7 @@ class NoiseRatios:
 
     Attributes:
       residuals: residual of each signal in its unit, `(signals,)`.
+      noise: noise of each signal in its unit, `(signals,)`.
       ratios: residual over noise of each signal, `(signals,)`.
       shares: residual over spread of each signal, `(signals,)`.
       reduced: reduced χ², about 1 if the model explains all but noise.
@@ -90,6 +93,7 @@ class NoiseRatios:
     """
 
     residuals: Floats
+    noise: Floats
     ratios: Floats
     shares: Floats
     reduced: float
@@ -143,14 +147,14 @@ class NoiseRatios:
         )
         return [each for each in (of_noise if self.correlation else None, self.remark()) if each]
 
-    def refusal(self, columns: Sequence[Column], noise: Floats) -> str | None:
+    def refusal(self, columns: Sequence[Column]) -> str | None:
         """Returns the reason why nothing is written; None if the residuals are acceptable."""
         bad = np.flatnonzero((self.ratios > HOPELESS) & (self.shares > HOPELESS_SHARE)).tolist()
         if not bad or (self.estimate and self.estimate.is_likely):
             return None
         worst = [
             f"{clean(columns[i].name)} by {self.residuals[i]:.3g} {columns[i].unit}".rstrip()
-            + f", {self.residuals[i] / noise[i]:.3g} times its noise"
+            + f", {self.residuals[i] / self.noise[i]:.3g} times its noise"
             for i in bad
         ]
         return (
@@ -164,16 +168,21 @@ def misfit(
 ) -> NoiseRatios:
     """Compares the residuals of a solution with the noise of the log.
 
-    High frequencies show only a share of noise that is correlated from sample to sample, so that it is larger.
+    High frequencies of a log also contain those of the motion, under random controls or at impacts, so the noise is not
+    larger than high frequencies of the residuals show. These show only a share of noise that is correlated from sample
+    to sample, so that it is larger.
 
     Args:
       noise: standard deviation of the noise of each signal, `(signals,)`, as that of white noise.
       set_by_user: indices of the signals whose noise the user has set.
     """
-    correlations = _correlations(solution)
-    correlations[[*set_by_user]] = 0.0
-    noise = noise / shared(np.sqrt(visible_share(correlations)), rotations)
     values = np.concatenate([part.values for part in solution.chunks])
+    visible = shared(visible_noise(solution.residuals) * solution.noise, rotations)
+    correlations, is_estimated = _correlations(solution), np.ones(len(noise), bool)
+    correlations[[*set_by_user]] = 0.0
+    is_estimated[[*set_by_user]] = False
+    noise = np.where(is_estimated, np.minimum(noise, np.maximum(visible, rounding(values, rotations))), noise)
+    noise = noise / shared(np.sqrt(visible_share(correlations)), rotations)
     spread = shared(spread_of(values, solution.loss), rotations)
     left = shared(solution.noise_scale, rotations)
     ratios = left / np.maximum(noise, LEAST * spread)
@@ -181,7 +190,7 @@ def misfit(
     reduced = float((ratios**2).mean()) * numbers / max(numbers - solution.unknowns, 1)
     shares = left / np.where(spread > 0, spread, np.nan)
     correlation = float(correlations.max())
-    return NoiseRatios(left, ratios, shares, reduced, solution.loss, solution.estimate, correlation)
+    return NoiseRatios(left, noise, ratios, shares, reduced, solution.loss, solution.estimate, correlation)
 
 
 def _correlations(solution: Solution) -> Floats:
@@ -226,7 +235,7 @@ class PredictionImprovement:
     @property
     def is_silent(self) -> bool:
         """True if both models predict the same within the noise, so the measurements cannot distinguish them."""
-        return abs(self.gain) <= self.uncertainty and self.difference < self.after
+        return abs(self.gain) <= self.uncertainty and self.difference < max(self.after, 1.0)
 
     @property
     def is_certain(self) -> bool:
@@ -240,10 +249,10 @@ def improvement(before: Solution, after: Solution) -> PredictionImprovement:
     If the second is right, its residuals r are noise, and those of the first are r + δ: the gain is Σ δ² + 2 Σ δ·r,
     whose second part is chance. Under a robust loss, weights limit what a residual can change. The standard deviation
     is the larger of two estimates: from sums over blocks of time, within which r may be correlated, and from white
-    noise.
+    noise, which is no smaller than assumed: bodies at rest may leave less by chance.
     """
     loss = LOSSES[after.loss]
-    scale = max(after.cost, 1e-12)
+    scale = max(after.cost, 1.0)
     gain, squares, numbers, sums = 0.0, 0.0, 0, list[float]()
     for r, other, v, w in zip(after.residuals, before.residuals, after.weights, before.weights, strict=True):
         gain += float(np.nansum(loss(other**2) - loss(r**2)))
@@ -352,7 +361,7 @@ class _Run:
             self._reporter.note(remark)
         failures = self._predictor.failures.sentence(self._parameters)
         hints = [each for each in (left.warning(), failures) if each]
-        reasons = [left.refusal(self._predictor.columns, self._noise)]
+        reasons = [left.refusal(self._predictor.columns)]
         if left.reduced >= MISFIT:
             reasons.append(all_at_bounds([each.path for each in self._parameters], last.coordinates))
         if why := next((each for each in reasons if each), None):
@@ -470,6 +479,9 @@ class _Run:
         part, what = "held", "the fit does not predict the held-out data better"
         if ("held", "fitted") not in comparisons:
             return
+        values = np.concatenate([segment.values for segment in self._fitted.segments])
+        least = least_noise(values, self._measurements.rotations)  # improvements within this rounding are no evidence
+        comparisons = {key: with_noise(each, np.maximum(each.noise, least)) for key, each in comparisons.items()}
         gained = improvement(comparisons["held", "nominal"], comparisons["held", "fitted"])
         if gained.is_silent:
             part, what = (

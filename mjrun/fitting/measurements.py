@@ -158,9 +158,12 @@ def first_noise(parts: Sequence[Floats], rotations: Sequence[Sequence[int]] = ()
     spread = np.nanmedian(np.abs(differences), axis=0) * NORMAL_MEDIAN
     limit = OUTLYING * np.where(spread > 0, spread, np.inf)
     spread = np.sqrt(np.nanmean(np.clip(differences, -limit, limit) ** 2, axis=0) / CLIPPED / 20) * (spread > 0)
-    values = np.concatenate(parts)
-    spread = np.maximum(shared(spread, rotations), least_noise(values, rotations))
-    return np.maximum(spread, shared(resolution(values) / np.sqrt(12), rotations))
+    return np.maximum(shared(spread, rotations), rounding(np.concatenate(parts), rotations))
+
+
+def rounding(values: Floats, groups: Sequence[Sequence[int]]) -> Floats:
+    """Returns the noise of simulated values that are rounded to the steps of a log, `(signals,)`."""
+    return np.maximum(least_noise(values, groups), shared(resolution(values) / np.sqrt(12), groups))
 
 
 def least_noise(values: Floats, rotations: Sequence[Sequence[int]]) -> Floats:

@@ -407,3 +407,25 @@ def test_an_undetermined_mass_may_have_any_value_within_its_bounds(tmp_path: Pat
     with pytest.warns(MjrunWarning, match="do not determine"):
         (mass,) = replace(fit, allow_unidentifiable=True).run().parameters
     assert (mass.low, mass.high) == pytest.approx((0.5, 2.0))
+
+
+def test_a_trapdoor_that_rests_at_its_limit_in_the_held_out_part_is_judged_by_the_rest(tmp_path: Path) -> None:
+    """Both models predict its rest more exactly than they explain its fall."""
+    text = """<mujoco><worldbody><body>
+        <joint name="door" axis="0 1 0" damping="{}" range="-10 30" limited="true"/>
+        <geom type="capsule" fromto="0 0 0 .4 0 0" size=".03" mass="1"/>
+        </body></worldbody></mujoco>"""
+    model = mujoco.MjModel.from_xml_string(text.format(0.1))
+    data, rows = mujoco.MjData(model), list[list[float]]()
+    data.qpos[:], data.qvel[:] = -0.15, -1
+    for _ in range(750):
+        rows.append([data.time, data.qpos[0]])
+        mujoco.mj_step(model, data)
+    times, angles = np.array(rows).T
+    path, table = tmp_path / "door.xml", tmp_path / "log.csv"
+    path.write_text(text.format(0.3))
+    write_log(table, {"time": times, "qpos/door": angles})
+    fit = Fit(Simulation(str(path)), data=[str(table)], free=[("joint/door.damping", "log:0.005..2")], starts=1)
+    with pytest.warns(MjrunWarning, match="held-out data are not sensitive to the parameters"):
+        result = fit.run()
+    assert result.parameters[0].value == pytest.approx(0.1, rel=1e-6)

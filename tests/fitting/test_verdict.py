@@ -65,20 +65,29 @@ def test_noise_that_is_correlated_is_no_misfit_unless_its_size_is_known() -> Non
     assert misfit(with_residuals(noise(3) + slow), solution.noise, ()).warning()
 
 
+def test_high_frequencies_of_the_motion_hide_no_misfit() -> None:
+    """Of a log under random controls, these are far above its noise."""
+    white, estimated = noise(3), 100 * solved()[0].noise
+    slow = 10 * np.sin(np.arange(len(white)) / 20)[:, None]
+    assert misfit(with_residuals(white), estimated, ()).warning() is None
+    assert misfit(with_residuals(white + slow), estimated, ()).warning()
+    assert misfit(with_residuals(white + slow), estimated, (), {0}).warning() is None
+
+
 def test_residuals_far_beyond_the_noise_are_refused_where_they_are_a_part_of_the_signal() -> None:
     solution = with_residuals(noise(0))
     spread = float(np.std(solution.chunks[0].values))
     wrong = with_residuals(0.5 * spread / solution.noise * noise(0))
-    assert "times its noise" in (misfit(wrong, solution.noise, ()).refusal([SIGNAL], solution.noise) or "")
+    assert "times its noise" in (misfit(wrong, solution.noise, ()).refusal([SIGNAL]) or "")
     for probability, is_refused in ((0.5, False), (0.001, True)):
         rough = replace(wrong, estimate=RoughMotionEstimate(np.full((9, 3), 0.5), probability))
-        assert bool(misfit(rough, solution.noise, ()).refusal([SIGNAL], solution.noise)) == is_refused
+        assert bool(misfit(rough, solution.noise, ()).refusal([SIGNAL])) == is_refused
     amount = float(np.sqrt(np.mean(wrong.residuals[0] ** 2)) * solution.noise[0])
     for tiny in (solution.noise, 1e-9 * solution.noise):
         expected = f"by {amount:.3g} rad, {amount / tiny[0]:.3g} times its noise"
-        assert expected in (misfit(wrong, tiny, ()).refusal([SIGNAL], tiny) or "")
+        assert expected in (misfit(wrong, tiny, ()).refusal([SIGNAL]) or "")
     small = solution.noise / 100  # so that residuals are far beyond it, and a small part of the signal
-    assert misfit(solution, small, ()).refusal([SIGNAL], small) is None
+    assert misfit(solution, small, ()).refusal([SIGNAL]) is None
 
 
 def test_all_parameters_at_bounds_are_refused_and_one_of_two_is_not() -> None:
@@ -113,3 +122,13 @@ def test_measurements_are_silent_where_both_models_predict_the_same() -> None:
     same = with_residuals(noise(0))
     assert improvement(same, with_residuals(noise(0) + 1e-3)).is_silent
     assert not improvement(with_residuals(noise(0) + 5), same).is_silent
+
+
+@pytest.mark.parametrize("size", [0.5, 1e-6])
+def test_measurements_are_silent_where_both_models_predict_them_closer_than_the_noise(size: float) -> None:
+    """At a limit of a joint, both may predict a rest ever more exactly, and differ by more than their errors."""
+    for factor in (1.1, 1.5):
+        gained = improvement(with_residuals(factor * size * noise(1)), with_residuals(size * noise(2)))
+        assert gained.difference > gained.after
+        assert gained.is_silent
+        assert not gained.is_certain
