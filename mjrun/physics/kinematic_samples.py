@@ -344,6 +344,11 @@ class KinematicMotion:
         self.remarks = [*complete.position_remarks, *complete.other_remarks]
         self.note = complete.note
 
+    @property
+    def samples(self) -> "SampleStates":
+        """The states at the times of the samples, wherever the steps fall."""
+        return SampleStates(self, self._time)
+
     def state(self, index: int) -> np.ndarray:
         """Returns the integration state at step `index` as a new array `(size,)`.
 
@@ -393,6 +398,18 @@ class KinematicMotion:
             return rotations[row]
         pairs = zip(rotations[row], rotations[row + 1], strict=True)
         return np.array([slerp(first, last, share) for first, last in pairs])
+
+
+class SampleStates:
+    """The states of `motion` at `times` `(n,)` [s], numbered instead of by steps."""
+
+    def __init__(self, motion: KinematicMotion, times: np.ndarray) -> None:
+        self._motion, self._times = motion, times
+        self.steps, self.size = range(len(times)), motion.size
+
+    def state(self, index: int) -> np.ndarray:
+        """Returns state number `index` as a new array `(size,)`."""
+        return self._motion.state_at(float(self._times[index]))
 
 
 def _between(values: np.ndarray, row: int, share: float) -> np.ndarray:

@@ -214,7 +214,8 @@ class ReplayStepper:
         simulated: bool = True,
     ) -> None:
         require_model(model, states, facts)
-        require_timestep(model, states)
+        if simulated:
+            require_timestep(model, states)
         self._source = "recording" if simulated else "table"
         self.model = copy.copy(model)
         self.step = 0

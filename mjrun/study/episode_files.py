@@ -26,7 +26,8 @@ from mjrun.outputs.event_detection import final_timeline
 from mjrun.outputs.frame_drawing import check_drawing, scene_compositor
 from mjrun.outputs.recorded_scene import camera_motions, shot_spans
 from mjrun.outputs.trace_rows import ProbeSampler
-from mjrun.physics.simulation_loop import StateBuffer, Tap, run_with_taps
+from mjrun.physics.kinematic_samples import KinematicMotion
+from mjrun.physics.simulation_loop import ReplayStepper, StateBuffer, Tap, run_with_taps
 from mjrun.physics.stepper import Stepper
 from mjrun.probe.episode_columns import OBSERVATION
 from mjrun.probe.select import selected_columns
@@ -103,8 +104,7 @@ class EpisodeFileMaker:
         size, fps, count = spec.view.size, Fraction(spec.fps), len(rollout.states)
         distance = max(1, min(size) // SAMPLED)
         timeline = Timeline.of_steps(rational(rollout.model.opt.timestep), rollout.steps[-1])
-        times = [float(timeline.time(step)) for step in rollout.steps[:-1]]
-        frames = self._images.images(simulation.source, rollout.model, rollout.states, times, timeline)
+        frames = self._images.images(simulation.source, rollout.model, rollout.states, rollout.times, timeline)
         with ExitStack() as stack:
             writers = {
                 name: stack.enter_context(VideoWriter(str(folder / f"{name}.mp4"), spec.encoding, size, fps, count))
@@ -123,7 +123,8 @@ class EpisodeTrajectory:
 
     Attributes:
       model: the model of the episode.
-      steps: the step of each row and of the end (T + 1).
+      steps: the step of each row and of the end (T + 1); of a demonstration, the nearest ones.
+      times: the simulated time of each row [s].
       states: the state of each row.
       last: the state at the end `(nstate,)`.
       rows: what was observed and done, without seed, infos and colours; the task is empty if it is unknown.
@@ -131,6 +132,7 @@ class EpisodeTrajectory:
 
     model: mujoco.MjModel
     steps: Sequence[int]
+    times: Sequence[float]
     states: StateBuffer
     last: np.ndarray
     rows: EpisodeRows
@@ -182,7 +184,7 @@ def acted(episode: played.Episode, probe: Sequence[str], every: int, stack: Exit
         truncated=not ending.terminated,
         success=ending.kind == "success",
     )
-    return EpisodeTrajectory(model, steps, states, stepper.state(), rows)
+    return EpisodeTrajectory(model, steps, _times(timeline, steps[:-1]), states, stepper.state(), rows)
 
 
 def recorded(simulation: Simulation, probe: Sequence[str], fps: Fraction, stack: ExitStack) -> EpisodeTrajectory:
@@ -218,7 +220,7 @@ def recorded(simulation: Simulation, probe: Sequence[str], fps: Fraction, stack:
     last = list[np.ndarray]()
     run_with_taps(simulation.stepper(sampler.model), [Tap(steps, record)], timeline.steps)
     episode = EpisodeRows("", None, np.array(observations), np.array(actions), np.zeros(len(rows)))
-    return EpisodeTrajectory(model, steps, states, last[0], episode)
+    return EpisodeTrajectory(model, steps, _times(timeline, rows), states, last[0], episode)
 
 
 def demonstrated(simulation: Simulation, spec: EpisodeSpec, stack: ExitStack) -> EpisodeTrajectory:
@@ -237,7 +239,8 @@ def demonstrated(simulation: Simulation, spec: EpisodeSpec, stack: ExitStack) ->
     assert demonstration
     model = simulation.load()
     timeline = simulation.timeline(model)
-    rows = [min(step, timeline.steps) for step in demonstration.steps(timeline.timestep)]
+    motion = simulation.replayed(model)
+    assert isinstance(motion, KinematicMotion)
     sampler = ProbeSampler(model, spec.probe or PROBES, timeline)
     _require_alike(demonstration, sampler, spec)
     states = stack.enter_context(closing(StateBuffer(model)))
@@ -247,19 +250,27 @@ def demonstrated(simulation: Simulation, spec: EpisodeSpec, stack: ExitStack) ->
         observations.append(sampler.values(stepper))
         states.append(stepper.state())
 
-    run_with_taps(simulation.stepper(sampler.model), [Tap(rows, record)], rows[-1])
+    samples = motion.samples  # not the steps, between which a state may be
+    stepper = ReplayStepper(sampler.model, samples, simulated=False)
+    run_with_taps(stepper, [Tap(samples.steps, record)], samples.steps[-1])
+    steps = [min(step, timeline.steps) for step in demonstration.steps(timeline.timestep)]
     rewards = demonstration.rewards
     episode = EpisodeRows(
         demonstration.task,
         None,
         np.array([*observations, observations[-1]]),
         demonstration.actions,
-        np.zeros(len(rows)) if rewards is None else rewards,
+        np.zeros(len(steps)) if rewards is None else rewards,
         terminated=bool(demonstration.success),
         truncated=not demonstration.success,
         success=bool(demonstration.success),
     )
-    return EpisodeTrajectory(model, [*rows, rows[-1]], states, states.state(len(states) - 1), episode)
+    times = demonstration.times.tolist()
+    return EpisodeTrajectory(model, [*steps, steps[-1]], times, states, states.state(len(states) - 1), episode)
+
+
+def _times(timeline: Timeline, steps: Sequence[int]) -> list[float]:
+    return [float(timeline.time(step)) for step in steps]
 
 
 def _require_alike(demonstration: DemonstratedEpisode, sampler: ProbeSampler, spec: EpisodeSpec) -> None:

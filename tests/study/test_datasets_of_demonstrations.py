@@ -59,6 +59,19 @@ def test_each_state_is_a_row_with_its_action_and_its_task(file: Path, tmp_path: 
     assert [each["demonstration"] for each in listed["episodes"]] == [f"{file}:{name}" for name in DEMOS]
 
 
+@pytest.mark.parametrize(("timestep", "rate"), [(0.03, 20), (0.002, 15), (0.025, 50), (0.025, 500)])
+def test_states_between_the_steps_of_the_model_are_rows_as_they_were_recorded(
+    timestep: float, rate: int, tmp_path: Path
+) -> None:
+    states = recorded_states(6)
+    states[:, 0] = np.arange(6) / rate
+    model = PLAIN.replace("<visual>", f'<option timestep="{timestep}"/><visual>')
+    file = write_demonstrations(tmp_path / "d.hdf5", {"demo_1": states}, model)
+    assert made(file, tmp_path / "set").fps == rate
+    observed = np.stack(table(tmp_path / "set")["observation.state"])
+    np.testing.assert_array_equal(observed, states[:, 1:].astype(np.float32))
+
+
 def test_offline_reinforcement_learning_gets_rewards_and_ends(file: Path, tmp_path: Path) -> None:
     import minari
 
