@@ -629,17 +629,18 @@ class InvalidActionError(SimulationError):
 
 
 class InvalidEpisodeError(SimulationError):
-    """An episode with a number that is not finite, which no dataset may contain.
+    """An episode with a number that its dataset may not contain.
 
     Args:
       what: the kind of the number: `observation`, `action` or `reward`.
       name: the name of the number; empty for none.
       row: the row of the episode.
+      reason: what is wrong with it.
     """
 
-    def __init__(self, step: int, time: float, what: str, name: str, row: int) -> None:
+    def __init__(self, step: int, time: float, what: str, name: str, row: int, reason: str = "is not finite") -> None:
         shown = f"{what} {clean(name)}" if name else what
-        super().__init__(step, time, f"the {shown} is not finite in row {row} of the episode, at {time:.9g} s")
+        super().__init__(step, time, f"the {shown} {reason} in row {row} of the episode, at {time:.9g} s")
 
 
 class RendererError(MjrunError):

@@ -167,6 +167,7 @@ class DemonstratedEpisode:
       actions: the inputs of the controller that recorded it `(T, n)`.
       rewards: the reward of each action `(T,)`; None if the file has none.
       success: whether the task was completed, according to the rewards; None without rewards.
+      stated_rate: the number of states per second [Hz] that replaces their times; None for none.
     """
 
     source: str
@@ -176,6 +177,7 @@ class DemonstratedEpisode:
     actions: np.ndarray
     rewards: np.ndarray | None
     success: bool | None
+    stated_rate: Fraction | None = None
 
     @property
     def action_names(self) -> Sequence[str]:
@@ -189,9 +191,13 @@ class DemonstratedEpisode:
         Raises:
           UsageError: the states are not evenly spaced.
         """
+        if self.stated_rate is not None:
+            return self.stated_rate
         gaps = np.diff(self.times)
         if not len(gaps):
-            raise UsageError(f"{clean(self.source)} has one state, and therefore no rate")
+            raise UsageError(
+                f"{clean(self.source)} has one state, and therefore no rate; {option('replay_rate')} states one"
+            )
         usual = float(np.median(gaps))
         if not usual > 0:
             raise UsageError(f"{clean(self.source)}: its times do not ascend; {option('replay_rate')} replaces them")
@@ -239,4 +245,5 @@ def read_demonstration(text: str | Path, rate: Fraction | None = None) -> Demons
         actions=actions,
         rewards=rewards,
         success=None if rewards is None else bool((rewards >= SUCCESS).any()),
+        stated_rate=rate,
     )

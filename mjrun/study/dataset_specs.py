@@ -118,6 +118,7 @@ class EpisodeSpec:
       every: control periods from one row to the next; 0 without a policy.
       task: the task in words; empty if each episode has its own.
       observed, acted: names of the numbers of an observation and of an action, which all episodes share.
+      precision: the type of the numbers in the format.
       processes: number of processes that render an episode.
     """
 
@@ -130,6 +131,7 @@ class EpisodeSpec:
     task: str
     observed: tuple[str, ...]
     acted: tuple[str, ...]
+    precision: Literal["float32", "float64"] = "float64"
     processes: int = 1
 
     @property

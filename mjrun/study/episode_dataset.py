@@ -11,7 +11,7 @@ import os
 import shutil
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, nullcontext, suppress
 from dataclasses import field, replace
 from fractions import Fraction
 from functools import cached_property
@@ -114,7 +114,8 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
             if self._file:
                 simulation = replace(simulation, model=points.points[0][0], replay=None)
             simulation = simulation.with_snapshot()
-            layout, spec = self._planned(simulation, reporter)
+            with simulation.snapshot.original_names_in_errors() if simulation.snapshot else nullcontext():
+                layout, spec = self._planned(simulation, reporter)
             study = self._study(simulation)
             prepared = PreparedStudy(study, replace(study.spec, product=spec), points)
             self._require_same(known, prepared)
@@ -188,6 +189,7 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
             task=clean(self.instruction or ("" if demonstration else source.stem.replace("_", " "))),
             observed=tuple(column.name for column in observed),
             acted=tuple(column.name for column in acted),
+            precision=import_module(f"mjrun.formats.episodes.{self.format}").PRECISION,
             processes=self._drawing_processes(),
         )
         episode = simulation.episode

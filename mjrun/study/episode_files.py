@@ -331,16 +331,19 @@ def _infos(rollout: EpisodeTrajectory) -> dict[str, np.ndarray]:
 
 
 def _require_finite(episode: EpisodeRows, spec: EpisodeSpec, rollout: EpisodeTrajectory) -> None:
-    """Raises InvalidEpisodeError if a number is not finite: readers of the dataset could not train with it."""
+    """Raises InvalidEpisodeError if a number is not finite in the dataset: its readers could not train with it."""
     named = {"observation": spec.observed, "action": spec.acted, "reward": ("",)}
     for (what, names), rows in zip(
         named.items(), (episode.observations, episode.actions, episode.rewards), strict=True
     ):
-        bad = np.argwhere(~np.isfinite(rows.reshape(len(rows), -1)))
+        numbers = rows.reshape(len(rows), -1)
+        with np.errstate(over="ignore"):
+            bad = np.argwhere(~np.isfinite(numbers.astype(spec.precision)))
         if len(bad):
             row, column = map(int, bad[0])
             step = rollout.steps[row]
-            raise InvalidEpisodeError(step, step * rollout.model.opt.timestep, what, names[column], row)
+            reason = "is too large for 32 bits" if np.isfinite(numbers[row, column]) else "is not finite"
+            raise InvalidEpisodeError(step, step * rollout.model.opt.timestep, what, names[column], row, reason)
 
 
 class EpisodeImageRenderer:

@@ -1,6 +1,7 @@
 """Demonstrations of others as datasets, compared with their files and with a bare MuJoCo loop."""
 
 import json
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import pytest
 import mjrun
 from mjrun.errors import FailedEpisodesError, ModelError, UsageError
 from mjrun.reporter import PythonApiReporter
+from mjrun.simulation.demonstration import read_demonstration
 from mjrun.study.episode_dataset import EpisodeDataset, EpisodeDatasetResult
 from tests.demonstration_files import PLAIN, recorded_states, write_demonstrations
 
@@ -103,6 +105,18 @@ def test_images_are_those_of_a_bare_loop_over_the_states(file: Path, tmp_path: P
             mujoco.mj_forward(model, data)
             renderer.update_scene(data, "agentview", visible)
             assert abs(frame.astype(int) - renderer.render()).mean() < 2  # what the encoder loses
+
+
+def test_a_demonstration_of_one_state_is_a_row_if_its_rate_is_stated(tmp_path: Path) -> None:
+    file = write_demonstrations(tmp_path / "d.hdf5", {"demo_1": recorded_states(1)})
+    with pytest.raises(UsageError) as caught:
+        made(file, tmp_path / "set")
+    assert str(caught.value) == f"{file}:demo_1 has one state, and therefore no rate; replay_rate states one"
+    rate = Fraction(30000, 1001)
+    simulation = mjrun.Simulation(str(file), replay_rate=rate)
+    result = EpisodeDataset(simulation, str(tmp_path / "set"), jobs=1, fps=30).run(PythonApiReporter())
+    assert (result.episodes, result.rows) == (1, 1)
+    assert read_demonstration(f"{file}:demo_1", rate).rate == rate
 
 
 def test_one_demonstration_or_the_first_ones_may_be_selected(file: Path, tmp_path: Path) -> None:

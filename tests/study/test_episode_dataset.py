@@ -274,6 +274,23 @@ def test_episodes_that_fail_are_named_and_the_others_stay(tmp_path: Path) -> Non
         made(raising, tmp_path / "none", episodes=2)
 
 
+def test_numbers_that_32_bits_cannot_hold_are_no_rows_of_lerobot(tmp_path: Path, task: Task, policy: str) -> None:
+    import minari
+
+    rewards = {"huge": Reward(value="where(qpos/slider > 0.5, 1e39, 1)")}
+    simulation = mjrun.Simulation(replace(task, rewards=rewards), policy=policy, seed=3)
+    made(simulation, tmp_path / "all", episodes=6, format="minari")
+    episodes = [*minari.MinariDataset(tmp_path / "all/data").iterate_episodes()]
+    large = [episode.rewards.max() > np.finfo(np.float32).max for episode in episodes]
+    assert 0 < sum(large) < 6
+    with pytest.raises(FailedEpisodesError) as caught:
+        made(simulation, tmp_path / "set", episodes=6)
+    failures = caught.value.results[0].failures
+    assert [*failures] == [f"seed {seed}" for seed, is_large in enumerate(large, 3) if is_large]
+    assert "the reward is too large for 32 bits in row" in next(iter(failures.values()))
+    assert np.isfinite(table(tmp_path / "set")["next.reward"]).all()
+
+
 def test_rows_of_a_lower_rate_add_up_rewards(tmp_path: Path, simulation: mjrun.Simulation) -> None:
     made(simulation, tmp_path / "all")
     made(simulation, tmp_path / "some", fps=Fraction(50, 5))

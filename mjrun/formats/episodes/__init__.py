@@ -1,6 +1,6 @@
 """Formats of datasets of episodes: a module for each, which writes episodes as plain values.
 
-A module has two functions:
+A module has `PRECISION`, the type of the numbers in its files, and two functions:
 
 - `check(layout)` raises UsageError for a layout that the format does not support.
 - `write(stack, folder, layout, episodes, before)` reads the episodes one after the other, and returns the finished

@@ -27,6 +27,7 @@ from mjrun.formats.mp4_joining import Mp4Samples, join, read_samples
 from mjrun.formats.output_writer import OutputWriter, StagedFile, closing_quietly
 
 VERSION = "v3.0"
+PRECISION = "float32"  # of numbers
 DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 VIDEO = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
 EPISODES = "meta/episodes/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"

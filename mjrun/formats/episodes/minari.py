@@ -22,6 +22,7 @@ from mjrun.formats.local_and_remote_folders import written_file
 from mjrun.formats.output_writer import OutputWriter, StagedFile
 from mjrun.model.table_column import Column
 
+PRECISION = "float64"  # of numbers
 DATA, METADATA = "data/main_data.hdf5", "data/metadata.json"
 STANDARD = "0.5.0"  # the version of Minari whose files these are, which later ones read
 
