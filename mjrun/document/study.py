@@ -100,6 +100,8 @@ def study_text(study: Study, command: str = "") -> str:
 
 def study_document(study: Study) -> Mapped:
     """Returns the study document as plain values."""
+    if study.controllers:
+        raise UsageError(f"{option('vary')} controller: a document cannot contain code; give it on the command line")
     return {**simulation_document(study.simulation), **plain_options(study)}
 
 

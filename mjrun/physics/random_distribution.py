@@ -91,11 +91,12 @@ def parse_distribution(text: str, place: str, units: Collection[str] = ()) -> Di
             raise UsageError(f"{place}: {clean(text)}: write {DISTRIBUTIONS[name]}")
         return Distribution(text.strip(), name, arguments)
     condition, is_valid = CONDITIONS[name]
-    unit = next((each for each in sorted(units, key=len, reverse=True) if arguments[0].endswith(each)), "")
-    if unit and all(each.endswith(unit) for each in arguments):
-        arguments = tuple(each.removesuffix(unit).rstrip() for each in arguments)
-    elif unit:
+    longest_first = sorted(units, key=len, reverse=True)
+    written = [next((unit for unit in longest_first if each.endswith(unit)), "") for each in arguments]
+    unit = next(filter(None, written), "")
+    if any(each != unit for each in written):
         raise UsageError(f"{place}: {clean(text)}: write all numbers in {unit}, or all without a unit")
+    arguments = tuple(each.removesuffix(unit).rstrip() for each in arguments)
     try:
         numbers = [float(argument) for argument in arguments]
     except ValueError:

@@ -324,7 +324,7 @@ def _change(name: str, text: str, controllers: Controllers) -> tuple[str, Any]:
     if name == CONTROLLER:
         if text not in controllers:
             message = f"{option('vary')} controller: {clean(text)}: only the command line and Python may name code"
-            raise UsageError(message)
+            raise UsageError(message, ("vary", name))
         return name, controllers[text]
     has_entries = slash and group in BY_NAME
     with concerning("vary", name):

@@ -18,6 +18,7 @@ from mjrun.document.study import (
     read_study,
     study_document,
     study_text,
+    with_document,
     write_plan,
 )
 from mjrun.errors import DocumentError, FileError, UsageError
@@ -230,6 +231,23 @@ def test_what_no_document_can_hold_is_in_no_plan(made: JobPlan) -> None:
     code = replace(made, study=replace(made.study, simulation=Simulation("ball.xml", controller=print)))
     with pytest.raises(UsageError, match="a document cannot contain code"):
         write_plan("plan.jsonl", code)
+    varied = replace(made.study, vary={"controller": "c.py:f,c.py:g"}, controllers={"c.py:f": print, "c.py:g": input})
+    with pytest.raises(UsageError, match="vary controller: a document cannot contain code"):
+        write_plan("plan.jsonl", replace(made, study=varied))
+    with pytest.raises(UsageError, match="vary controller: a document cannot contain code"):
+        study_text(varied)
+    assert with_document(varied).document is None  # so that the manifest does not promise a study
+    assert not Path("plan.jsonl").exists()
+
+
+def test_an_error_of_a_document_that_varies_code_names_the_parameter_once() -> None:
+    path = put("{model: ball.xml, steps: 3, vary: {controller: 'c.py:f'}}")
+    request = read_study(path)
+    with (
+        pytest.raises(DocumentError, match=r":1:\d+: vary\.controller: c\.py:f: only the command line"),
+        request.located(),
+    ):
+        request.made.preview()
 
 
 def test_a_plan_writes_nowhere_else_unless_there_is_its_study(made: JobPlan, tmp_path: Path) -> None:

@@ -242,9 +242,12 @@ def test_values_with_units_are_numbers_in_si_units() -> None:
     np.testing.assert_allclose(drawn, np.tile(np.radians(plain), 2))
 
 
-@pytest.mark.parametrize("text", ["10deg..20:3", "uniform(10deg, 20)", "10deg..200mm:3"])
+UNLIKE = ["10deg..20:3", "uniform(10deg, 20)", "10deg..200mm:3", "uniform(10, 20deg)", "uniform(500g, 1.5kg)"]
+
+
+@pytest.mark.parametrize("text", [*UNLIKE, "loguniform(20m, 10mm)"])
 def test_ends_in_different_units_are_refused(text: str) -> None:
-    with pytest.raises(UsageError, match=r"same unit|all numbers in deg"):
+    with pytest.raises(UsageError, match=r"same unit|all numbers in (deg|g|m), or all without a unit"):
         points(vary={"qpos/a": text})
 
 
