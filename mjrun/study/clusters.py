@@ -130,7 +130,8 @@ def _dask(address: str, count: int, stack: ExitStack) -> _Connection:
     client_class: Any = distributed.Client
     cluster_class: Any = distributed.LocalCluster
     if not address:
-        cluster = cluster_class(n_workers=count, threads_per_worker=1, dashboard_address="127.0.0.1:0")
+        settings = {"dashboard_address": "127.0.0.1:0", "silence_logs": logging.ERROR}  # no warnings of cancelled tasks
+        cluster = cluster_class(n_workers=count, threads_per_worker=1, **settings)
         address = stack.enter_context(cluster).scheduler_address
     client = stack.enter_context(client_class(address, timeout=PATIENCE))
     return client.get_executor(pure=False).submit, lambda: sum(client.nthreads().values())

@@ -3,6 +3,7 @@
 import importlib.util
 import os
 import sys
+import time
 from concurrent.futures import Future
 from contextlib import ExitStack
 from pathlib import Path
@@ -27,6 +28,21 @@ def test_a_cluster_that_does_not_answer_is_told(monkeypatch: pytest.MonkeyPatch,
     with ExitStack() as stack, pytest.raises(UsageError, match=f"engine: {engine} cannot be used: .*[Tt]ime"):
         open_cluster(engine, 1, stack, print)
     assert os.environ.get(clusters.FORKS) == ("0" if engine.startswith("ray") else None)
+
+
+def _begin(mark: Path) -> None:
+    mark.touch()
+    time.sleep(60)
+
+
+@pytest.mark.slow
+def test_an_interrupted_cluster_of_dask_prints_no_warnings(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    with ExitStack() as stack:
+        executor, _ = open_executor("dask", 1, tmp_path, stack)
+        executor.submit(_begin, tmp_path / "begun")
+        while not (tmp_path / "begun").exists():
+            time.sleep(0.01)
+    assert "WARNING" not in capfd.readouterr().err
 
 
 @pytest.mark.parametrize("workers", [0, 2])
