@@ -219,7 +219,7 @@ def recorded(simulation: Simulation, probe: Sequence[str], fps: Fraction, stack:
 
     last = list[np.ndarray]()
     run_with_taps(simulation.stepper(sampler.model), [Tap(steps, record)], timeline.steps)
-    episode = EpisodeRows("", None, np.array(observations), np.array(actions), np.zeros(len(rows)))
+    episode = EpisodeRows("", None, np.array(observations), np.array(actions), np.zeros(len(rows)), truncated=True)
     return EpisodeTrajectory(model, steps, _times(timeline, rows), states, last[0], episode)
 
 

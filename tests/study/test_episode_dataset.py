@@ -362,6 +362,7 @@ def test_a_recording_is_an_episode_of_its_states_and_controls(tmp_path: Path) ->
             mujoco.mj_step(model, state)
     assert {*data["action"].tolist()} == {float(np.float32(0.3))}
     assert "next.reward" not in data
+    assert data["next.done"].tolist() == [False] * 19 + [True]
     assert pandas.read_parquet(tmp_path / "set/meta/tasks.parquet").index.tolist() == ["push it"]
     with pytest.raises(UsageError, match="gives one episode, not 2"):
         made(replay, tmp_path / "two", episodes=2)
