@@ -9,16 +9,18 @@ import importlib.abc
 import importlib.machinery
 import importlib.util
 import inspect
+import io
 import os
 import pickle
+import re
 import site
 import sys
 import sysconfig
 from collections.abc import Callable, Generator, Iterable, Sequence
 from functools import cache, reduce
 from pathlib import Path
-from types import ModuleType
-from typing import NoReturn, TypeVar
+from types import CodeType, FunctionType, ModuleType
+from typing import Any, NoReturn, TypeVar, cast
 
 from mjrun.confinement.confinement import require_unconfined
 from mjrun.dataclass import dataclass
@@ -115,18 +117,53 @@ def _by_reference(value: object) -> bytes:
     return b""
 
 
-def _by_value(value: object) -> bytes:
-    """Pickles a value with its functions and classes, and with everything that these refer to."""
+def _by_value(value: object, *, is_hashed: bool = False) -> bytes:
+    """Pickles a value with its functions and classes, and with everything that these refer to.
+
+    Args:
+      is_hashed: leaves out what differs from process to process, such as the file of a cell of a notebook.
+    """
     require("code that cannot be imported", "sweep", "cloudpickle")
     import cloudpickle
 
+    class ContentPickler(cloudpickle.Pickler):
+        def reducer_override(self, obj: object) -> Any:
+            if isinstance(obj, CodeType):
+                return self.dispatch_table[CodeType](_without_place(obj))
+            reduced: Any = super().reducer_override(obj)
+            if reduced is NotImplemented or not isinstance(obj, type | FunctionType):
+                return reduced
+            function, arguments, *state = reduced
+            return function, tuple(map(_same_in_all_processes, arguments)), *state
+
     try:
-        return cloudpickle.dumps(value)
+        if not is_hashed:
+            return cloudpickle.dumps(value)
+        ContentPickler(stream := io.BytesIO()).dump(value)
+        return stream.getvalue()
     except Exception as error:
         raise UsageError(
             f"other processes cannot receive what is to be simulated: {clean(str(error))}\n"
             "objects of the code cannot be copied; a text FILE.py:NAME names code that each process loads"
         ) from None
+
+
+def _same_in_all_processes(argument: object) -> object:
+    """Returns an argument that makes a function or a class, without its random identifier and its file."""
+    if isinstance(argument, dict):
+        entries = cast("dict[str, object]", argument)
+        return {name: value for name, value in entries.items() if name != "__file__"}
+    return "" if isinstance(argument, str) and re.fullmatch("[0-9a-f]{32}", argument) else argument
+
+
+def _without_place(code: CodeType) -> CodeType:
+    """Returns code without its file and line; sets in it, whose order differs from process to process, are sorted."""
+    ordered = tuple(map(_ordered, code.co_consts))
+    return code.replace(co_filename="", co_firstlineno=1, co_consts=ordered)
+
+
+def _ordered(constant: object) -> object:
+    return tuple(sorted(cast("frozenset[object]", constant), key=repr)) if isinstance(constant, frozenset) else constant
 
 
 def import_from(sources: Sequence[ModuleSource]) -> None:
@@ -182,7 +219,7 @@ def code_hash(code: Iterable[object], known: Iterable[ModuleSource] = ()) -> str
     for each in code:
         if not isinstance(each, str) and not _by_reference(each):
             with contextlib.suppress(UsageError):  # which is raised when a process needs it
-                digest.update(_by_value(each))
+                digest.update(_by_value(each, is_hashed=True))
                 count += 1
     for source in module_sources(code, known):
         digest.update(f"{source.name}\0{len(source.content)}\0".encode() + source.content)

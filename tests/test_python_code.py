@@ -2,6 +2,7 @@
 
 import os
 import py_compile
+import subprocess
 import sys
 import sysconfig
 from collections.abc import Callable
@@ -187,3 +188,33 @@ def test_processes_that_execute_pickled_code_do_not_remark_on_edits(
     assert len(edit_remarks([source])) == 1
     import_from([source])
     assert edit_remarks([source]) == []
+
+
+IN_A_NOTEBOOK = """
+from mjrun.python_code import code_hash
+FACTOR = 2
+class Controller:
+    def __call__(self, model, data):
+        return [FACTOR * (name in {"hip", "knee", "ankle"}) for name in ("hip", "toe")]
+def act(model, data):
+    return [FACTOR * value for value in data.qpos]
+print(*(code_hash([code]) for code in (Controller(), act, lambda model, data: FACTOR)))
+"""
+
+
+def test_code_that_cannot_be_imported_counts_as_it_is_written_in_every_process(tmp_path: Path) -> None:
+    """Also where random numbers order sets, and in other files and lines, as the cells of a notebook have."""
+
+    def hashes(name: str, seed: str, text: str) -> list[str]:
+        file = tmp_path / name
+        file.write_text(text)
+        environment = {**os.environ, "PYTHONHASHSEED": seed}
+        return subprocess.run(
+            [sys.executable, str(file)], env=environment, check=True, capture_output=True, text=True
+        ).stdout.split()
+
+    first = hashes("a.py", "1", IN_A_NOTEBOOK)
+    assert len({*first}) == 3
+    assert hashes("b.py", "2", "# another line\n" + IN_A_NOTEBOOK) == first
+    edited = hashes("b.py", "2", IN_A_NOTEBOOK.replace("FACTOR = 2", "FACTOR = 3"))
+    assert not {*edited} & {*first}
