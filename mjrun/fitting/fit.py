@@ -90,6 +90,7 @@ class NoiseRatios:
       loss: loss function of the residuals.
       estimate: parameters and their errors if contacts make the motion rough.
       correlation: largest correlation of the noise of consecutive samples of a signal.
+      is_smooth: whether residuals beyond an estimated noise have far smaller high frequencies than white noise.
     """
 
     residuals: Floats
@@ -100,6 +101,7 @@ class NoiseRatios:
     loss: str
     estimate: RoughMotionEstimate | None
     correlation: float = 0.0
+    is_smooth: bool = False
 
     def warning(self) -> str | None:
         """Returns a sentence on a misfit, or None."""
@@ -107,6 +109,10 @@ class NoiseRatios:
         if not lack and (self.reduced < MISFIT or self.remark()):
             return None
         reason = "the model lacks something"
+        size = f"if the noise is larger than the high frequencies of the log suggest, set {option('noise')}"
+        if self.is_smooth:
+            reason = "the model lacks something, or the log has slow noise (of filters, interpolation or hum)"
+            size = f"if the log has slow noise, set {option('noise')} to its size"
         if lack:
             reason = (
                 f"contacts make the motion rough, but the log is {lack.deviations:.2g} standard deviations from "
@@ -119,10 +125,7 @@ class NoiseRatios:
                 "differ from each other, so the model lacks something"
             )
         missing = f"{lack.path}=0..{BOUND * lack.value:.2g}" if lack else "joint/*.damping"
-        steps = [
-            f"add what may be missing to {option('free')}, such as {missing}",
-            f"if the noise is larger than the high frequencies of the log suggest, set {option('noise')}",
-        ]
+        steps = [f"add what may be missing to {option('free')}, such as {missing}", size]
         if self.loss == "linear":
             steps.append(f"if it has outliers, set {option('loss')} huber")
         return (
@@ -190,7 +193,9 @@ def misfit(
     reduced = float((ratios**2).mean()) * numbers / max(numbers - solution.unknowns, 1)
     shares = left / np.where(spread > 0, spread, np.nan)
     correlation = float(correlations.max())
-    return NoiseRatios(left, noise, ratios, shares, reduced, solution.loss, solution.estimate, correlation)
+    beyond = is_estimated & (ratios**2 >= MISFIT)
+    is_smooth = bool((beyond & (left**2 >= MISFIT * visible**2)).any())
+    return NoiseRatios(left, noise, ratios, shares, reduced, solution.loss, solution.estimate, correlation, is_smooth)
 
 
 def _correlations(solution: Solution) -> Floats:

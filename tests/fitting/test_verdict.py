@@ -74,6 +74,22 @@ def test_high_frequencies_of_the_motion_hide_no_misfit() -> None:
     assert misfit(with_residuals(white + slow), estimated, (), {0}).warning() is None
 
 
+def test_residuals_that_filtered_noise_leaves_as_well_are_not_said_to_be_a_lack() -> None:
+    """High frequencies do not show how large the mean of five samples of white noise is."""
+    solution = with_residuals(signal.lfilter(np.full(5, 5**-0.5), [1], noise(3), axis=0))
+    warning = misfit(solution, solution.noise, ()).warning() or ""
+    assert "or the log has slow noise" in warning
+    assert "if the log has slow noise, set" in warning
+    assert misfit(solution, solution.noise, (), {0}).warning() is None
+
+    outliers = noise(3)
+    outliers[::40] *= 20
+    for white, known in ((outliers, ()), (noise(3), {0})):
+        warning = misfit(with_residuals(white), solution.noise / 2, (), known).warning() or ""
+        assert "the model lacks something, and" in warning
+        assert "slow noise" not in warning
+
+
 def test_residuals_far_beyond_the_noise_are_refused_where_they_are_a_part_of_the_signal() -> None:
     solution = with_residuals(noise(0))
     spread = float(np.std(solution.chunks[0].values))
