@@ -329,8 +329,8 @@ for _name, _call in inputs_of(__name__)["CALLS"].items():
 
 @operation("set limits of a superuser", SECCOMP)
 def raise_limits(at: Target) -> str:
-    """Sets a negative priority, which only a superuser may."""
-    os.setpriority(os.PRIO_PROCESS, 0, -5)
+    """Sets a higher priority, which only a superuser may."""
+    os.setpriority(os.PRIO_PROCESS, 0, os.getpriority(os.PRIO_PROCESS, 0) - 5)
     return "set"
 
 
