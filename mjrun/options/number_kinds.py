@@ -120,6 +120,7 @@ UNITS: Mapping[str, Mapping[str, Fraction]] = {
         "s": Fraction(1),
         "ms": Fraction(1, 1000),
         "us": Fraction(1, 10**6),
+        "ns": Fraction(1, 10**9),
         "min": Fraction(60),
         "h": Fraction(3600),
     },

@@ -137,7 +137,7 @@ def test_python_gives_a_value_and_a_kind_makes_it_immutable(
         (RealKind(least=None), "x", "a finite number"),
         (ExactNumberKind(), 0, "a positive number"),
         (ExactNumberKind(), "1e99999", "a positive number"),
-        (ExactNumberKind("SECONDS"), "2sec", "a positive number; units: s, ms, us, min, h"),
+        (ExactNumberKind("SECONDS"), "2sec", "a positive number; units: s, ms, us, ns, min, h"),
         (ExactNumberKind("SECONDS"), "s", "a positive number"),
         (ExactNumberKind("SECONDS"), "-1s", "a positive number"),
         (ExactNumberKind(zero=True), -1, "a number of at least 0"),

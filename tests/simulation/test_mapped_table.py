@@ -300,6 +300,22 @@ def test_units_in_headers_are_converted(tmp_path: Path) -> None:
         np.testing.assert_allclose(positions(read(tmp_path / "log.csv", text)), qpos, atol=1e-12)
 
 
+@pytest.mark.parametrize("unit", ["s", "ms", "us", "ns"])
+def test_times_in_every_unit_are_converted_by_header_and_refused_by_name_alone(tmp_path: Path, unit: str) -> None:
+    seconds = np.array([0.0, 0.25, 1.5])
+    numbers = seconds * {"s": 1, "ms": 1e3, "us": 1e6, "ns": 1e9}[unit]
+    for name, text in ((f"t [{unit}]", f"time='t [{unit}]'"), (f"t_{unit}", f"time=t_{unit}")):
+        table = pd.DataFrame({name: numbers, "qpos/lift": seconds})
+        table.to_csv(tmp_path / "log.csv", index=False)
+        if unit != "s" and "_" in name:
+            with pytest.raises(UsageError, match=f"column {name} seems to be in {unit}"):
+                read(tmp_path / "log.csv", text)
+        else:
+            motion = read(tmp_path / "log.csv", text)
+            lift = [motion.state_at(each)[FIELDS["qpos"]][12] for each in seconds.tolist()]
+            np.testing.assert_allclose(lift, seconds, rtol=1e-9)
+
+
 def test_units_in_parentheses_are_converted_like_those_in_brackets(tmp_path: Path) -> None:
     qpos, times = tumble().qpos[ROWS], 2.0 * ROWS
     names = ("Time (ms)", "Hip (°)", "qpos/lift (mm)", "lift (left)")
