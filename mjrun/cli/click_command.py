@@ -254,10 +254,10 @@ def _commands_with(spellings: Sequence[str], ctx: click.Context) -> str:
     commands = [command for name in group.list_commands(ctx) if (command := group.get_command(ctx, name))]
     for spelling in spellings:
         having = [f"mjrun {each.name}" for each in commands if any(spelling in param.opts for param in each.params)]
+        if having and spelling == spellings[0]:
+            return f" (an option of {listing(having)})"
         if having:
-            meant = f"did you mean {quoted(spelling)}, " if spelling != spellings[0] else ""
-            end = "?" if meant else ""
-            return f" ({meant}an option of {listing(having)}{end})"
+            return f" (did you mean {quoted(spelling)}, an option of {listing(having)}?)"
     return ""
 
 

@@ -224,7 +224,7 @@ def distinct_ends(first: str, second: str) -> tuple[str, str]:
     `runs/b/p.onnx`.
     """
     one, other = re.split(r"[/\\]", first), re.split(r"[/\\]", second)
-    count = next((n for n in range(1, max(len(one), len(other))) if one[-n:] != other[-n:]), 0)
+    count = next((n for n in range(1, max(len(one), len(other))) if one[-n:] != other[-n:]), 0)  # 0: whole
     return "/".join(one[-count:]), "/".join(other[-count:])
 
 

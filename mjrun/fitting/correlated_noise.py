@@ -11,7 +11,7 @@ from typing import cast
 
 import numpy as np
 
-from mjrun.fitting.measurements import Floats
+from mjrun.fitting.measurements import THIRD_DIFFERENCES, Floats
 
 LAGS = 8  # largest distance of samples whose correlation is tested
 DOUBT = 0.005  # probability that white residuals are rejected
@@ -86,7 +86,7 @@ def visible_noise(residuals: Sequence[Floats]) -> Floats:
       residuals: residuals of each chunk, `(n, signals)`; NaN where nothing was measured.
     """
     differences = [np.concatenate([np.diff(each, 3) for each in parts]) for parts in samples_by_signal(residuals)]
-    return np.array([np.sqrt((each**2).mean() / 20) if len(each) else np.inf for each in differences])
+    return np.array([np.sqrt((each**2).mean() / THIRD_DIFFERENCES) if len(each) else np.inf for each in differences])
 
 
 def samples_by_signal(residuals: Sequence[Floats]) -> list[list[Floats]]:

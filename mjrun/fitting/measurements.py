@@ -37,6 +37,7 @@ FINEST = 1e-12  # least noise that a user may set: residuals over it are squared
 FEWEST_DIFFERENCES = 3  # differences that show a resolution
 NORMAL_MEDIAN = 1.4826  # standard deviation of a normal distribution over the median of absolute values
 OUTLYING = 2.5  # standard deviations at which differences are clipped: contacts and outliers make some large
+THIRD_DIFFERENCES = 20  # variance of the third differences of white noise, over its own
 CLIPPED = 0.97756  # variance of a normal distribution that is clipped there
 CONTROLS = "ctrl/"
 GAP = 5  # multiple of the usual time between rows above which a new segment begins
@@ -157,7 +158,8 @@ def first_noise(parts: Sequence[Floats], rotations: Sequence[Sequence[int]] = ()
     differences = np.concatenate([np.diff(values, 3, axis=0) for values in parts])
     spread = np.nanmedian(np.abs(differences), axis=0) * NORMAL_MEDIAN
     limit = OUTLYING * np.where(spread > 0, spread, np.inf)
-    spread = np.sqrt(np.nanmean(np.clip(differences, -limit, limit) ** 2, axis=0) / CLIPPED / 20) * (spread > 0)
+    squares = np.nanmean(np.clip(differences, -limit, limit) ** 2, axis=0) / CLIPPED
+    spread = np.sqrt(squares / THIRD_DIFFERENCES) * (spread > 0)
     return np.maximum(shared(spread, rotations), rounding(np.concatenate(parts), rotations))
 
 

@@ -138,11 +138,15 @@ LOSSLESS = ("h264rgb", "ffv1", "apng", "png", "raw")
 EXACT = ("ffv1-gray16", "png-gray16")
 CONTENT_NAMES = {"ids": "the colours of a segmentation without loss", "exact": "numbers of 16 bits"}
 CONTENTS = {"video": tuple(codec for codec in CODECS if codec not in EXACT), "ids": LOSSLESS, "exact": EXACT}
-WEBP_FPS = 90  # readers take delays of 10 ms or less for 100 ms
-AV1_FPS = 240  # SVT-AV1 refuses more
+# The most frames per second of formats and codecs, and the words before it.
+MOST_FPS = {
+    "webp": (90, "in a WebP, whose frames last 11 ms or more: at most"),  # readers take 10 ms or less for 100 ms
+    "av1": (240, "with AV1, whose encoder takes at most"),
+    "mkv": (1000, "in mkv, whose times are milliseconds: at most"),
+    "webm": (1000, "in webm, whose times are milliseconds: at most"),
+    "apng": (65535, "in an APNG: at most"),  # a delay is a quotient of 16-bit numbers
+}
 GIF_DELAY = Fraction(65535, 100)  # [s]; a delay is 16 bits of hundredths
-MATROSKA_FPS = 1000  # times are whole milliseconds
-APNG_FPS = 65535  # a delay is a quotient of 16-bit numbers
 SLOWEST, FASTEST = Fraction(1, 1000), 1_000_000  # frames per second that ffmpeg and every container support
 
 
@@ -178,17 +182,10 @@ class VideoEncoding:
         """Raises BadValueError if the format does not support this rate."""
         if not SLOWEST <= fps <= FASTEST:
             raise BadValueError(option("fps"), f"{float(fps):g}", f"between {float(SLOWEST):g} and {FASTEST:,}")
-        if self.format == "webp" and fps > WEBP_FPS:
-            raise BadValueError(
-                option("fps"), fps, f"possible in a WebP, whose frames last 11 ms or more: at most {WEBP_FPS}"
-            )
-        if self.codec == "av1" and fps > AV1_FPS:
-            raise BadValueError(option("fps"), fps, f"possible with AV1, whose encoder takes at most {AV1_FPS}")
-        if self.format in ("mkv", "webm") and fps > MATROSKA_FPS:
-            times = f"whose times are milliseconds: at most {MATROSKA_FPS}"
-            raise BadValueError(option("fps"), fps, f"possible in {self.format}, {times}")
-        if self.format == "apng" and fps > APNG_FPS:
-            raise BadValueError(option("fps"), fps, f"possible in an APNG: at most {APNG_FPS:,}")
+        for name in (self.codec, self.format):
+            most, words = MOST_FPS.get(name, (FASTEST, ""))
+            if fps > most:
+                raise BadValueError(option("fps"), fps, f"possible {words} {most:,}")
         if self.format == "gif" and 1 / fps > GIF_DELAY:
             delay = f"{float(GIF_DELAY):g} s"
             raise BadValueError(option("fps"), fps, f"possible in a GIF, whose frames last {delay} or less")

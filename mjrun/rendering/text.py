@@ -382,14 +382,19 @@ def _part(
     if not column:
         raise UnknownNameError("value", name, valid, where=option("text"))
     form = whole[len(column) + 1 :] or BUILTIN.get(column, DEFAULT_FORMAT)
-    problem = "a value has at most 999 characters" if _VAST.search(form) else ""
-    if form.endswith("c"):  # not every number is a character
-        problem = "it is a number, not a character"
-    try:
-        if not problem:
-            format(1 if column in ("frame", "step") else 1.0, form)
-    except ValueError as error:
-        problem = str(error)
-    if problem:
+    if problem := _problem(form, 1 if column in ("frame", "step") else 1.0):
         raise UsageError(f"{option('text')}: {quoted(form)} cannot format {quoted(column)}: {problem}")
     return OverlayTextPart(literal, column, form)
+
+
+def _problem(form: str, example: float) -> str:
+    """Returns why numbers such as `example` cannot be written in a format; empty if they can."""
+    if _VAST.search(form):
+        return "a value has at most 999 characters"
+    if form.endswith("c"):  # not every number is a character
+        return "it is a number, not a character"
+    try:
+        format(example, form)
+    except ValueError as error:
+        return str(error)
+    return ""

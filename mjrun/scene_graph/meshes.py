@@ -82,7 +82,7 @@ def edges() -> Mesh:
     return Mesh("edges", corners, None, np.array(pairs, np.uint32))
 
 
-def triangle(x: float = 0.0, y: float = 1.0) -> Mesh:
+def triangle(x: float, y: float) -> Mesh:
     """Returns the triangle between the origin, 1 on the x axis and a point `(x, y)`, seen from above."""
     positions = np.array([(0, 0, 0), (1, 0, 0), (x, y, 0)], float)
     return _mesh("triangle", positions, np.tile([0.0, 0.0, 1.0], (3, 1)), np.array([(0, 1, 2)]))

@@ -98,13 +98,7 @@ class VisualizerGeomRecorder:
             if name in ("label", "none", "flex", "skin", "plane", "hfield"):
                 continue
             kind = KIND_OF.get(int(geom.objtype), "")
-            owner = (
-                layer,
-                kind,
-                int(geom.objid) if kind else -1,
-                name,
-                int(geom.dataid) if name in ("mesh", "sdf") else _corner(geom) if name == "triangle" else -1,
-            )
+            owner = layer, kind, int(geom.objid) if kind else -1, name, _shape(geom, name)
             number = numbers[owner]
             numbers[owner] += 1
             for part, (mesh, offset, scale) in enumerate(self._parts(geom, name)):
@@ -220,6 +214,13 @@ class _Item:
             scale=tuple(scales[0].tolist()),
         )
         return node, Track(index, frames, positions, quaternions, scales, smooth)
+
+
+def _shape(geom: mujoco.MjvGeom, name: str) -> object:
+    """Returns what distinguishes the mesh of a geom from those of others of its type `name`."""
+    if name in ("mesh", "sdf"):
+        return int(geom.dataid)
+    return _corner(geom) if name == "triangle" else -1
 
 
 def _corner(geom: mujoco.MjvGeom) -> tuple[float, float]:

@@ -146,9 +146,8 @@ class _Resolver:
         self.map = ColumnMap(columns)
         self._columns, self._names, self._source = columns, list(names), source
         self._by_clean = _by_name(names)
-        self._alternatives: dict[
-            str, tuple[RowExpression, Sequence[str]]
-        ] = {}  # in other units, by column of the model
+        # By column of the model: the source by name, and the columns of the table that differ in their units.
+        self._alternatives: dict[str, tuple[RowExpression, Sequence[str]]] = {}
         self._order, self._quaternions = order, quaternions
         self._known = {name for owned in columns.values() for name in owned}
         self._groups = self._all_groups()
@@ -339,8 +338,10 @@ class _Resolver:
 
 
 def split_header(name: str) -> tuple[str, str | None]:
-    """Splits the header of a column from its unit: `hip [deg]`, `hip (deg)`, but not from a number or a remark, as in
-    `dof[3]` and `hip (left)`."""
+    """Splits the header of a column from its unit: `hip [deg]`, `hip (deg)`.
+
+    A number or a remark, as in `dof[3]` and `hip (left)`, belongs to the name.
+    """
     bare, unit = split_unit(name)
     if unit is not None:
         return (name, None) if unit.isdecimal() else (bare, unit)

@@ -69,8 +69,8 @@ def test_a_webp_refuses_delays_that_readers_take_for_none() -> None:
     [
         ("film.gif", None, "1/655", "1/656", "whose frames last 655.35 s or less"),
         ("film.apng", None, "65535", "65536", "in an APNG: at most 65,535"),
-        ("film.mkv", "ffv1", "1000", "1001", "in mkv, whose times are milliseconds: at most 1000"),
-        ("film.webm", "vp9", "1000", "2000", "in webm, whose times are milliseconds: at most 1000"),
+        ("film.mkv", "ffv1", "1000", "1001", "in mkv, whose times are milliseconds: at most 1,000"),
+        ("film.webm", "vp9", "1000", "2000", "in webm, whose times are milliseconds: at most 1,000"),
         ("film.webm", "av1", "240", "241", "with AV1, whose encoder takes at most 240"),
         ("film.mp4", "av1", "240", "250", "with AV1, whose encoder takes at most 240"),
     ],

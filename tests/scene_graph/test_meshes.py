@@ -153,7 +153,7 @@ def test_lines_and_triangles_have_the_size_of_one() -> None:
     assert np.ptp(meshes.line().positions, axis=0).tolist() == [0, 0, 1]
     assert np.ptp(meshes.edges().positions, axis=0).tolist() == [2, 2, 2]
     assert len({tuple(sorted(pair)) for pair in meshes.edges().faces.tolist()}) == 12
-    assert meshes.triangle().positions.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
+    assert meshes.triangle(0, 1).positions.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
 
 
 def shapes(xml: str, steps: int = 0, **options: int) -> tuple[mujoco.MjData, list[TriangleSurface | LineSegments]]:
