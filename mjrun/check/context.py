@@ -16,7 +16,7 @@ from mjrun.model.names import COUNTS, KINDS, names
 from mjrun.model.override import ELEMENTS
 from mjrun.model.sources import source_of
 from mjrun.model.text_edits import ElementEditor
-from mjrun.model.xml_source import Element, XmlSource, with_slashes
+from mjrun.model.xml_source import Element, XmlSource, attach_path, with_slashes
 from mjrun.suffixes import XML
 
 DEFAULTS = Thresholds()
@@ -242,13 +242,13 @@ class CheckContext:
 
     @cached_property
     def _attaches(self) -> list[AttachedModel]:
-        models = [e.attributes for e in self.source.elements() if e.tag == "model"]
+        models = [e for e in self.source.elements() if e.tag == "model"]
         attaches = list[AttachedModel]()
         for element in self.source.elements():
             if element.tag == "attach":
                 wanted = element.attributes.get("model", "")
-                names = [model.get("file", "") for model in models if model.get("name", wanted) == wanted]
-                files = {path for name in names for path in (Path(name), self.source.path.parent / name)}
+                named = [model for model in models if model.attributes.get("name", wanted) == wanted]
+                files = {attach_path(model, self.source.path) for model in named}
                 attaches.append(AttachedModel(element, element.attributes.get("prefix", ""), files))
         return attaches
 

@@ -181,10 +181,9 @@ def include_paths(element: Element, path: Path) -> list[Path]:
     return list(dict.fromkeys([path.parent / name, element.file.parent / name]))
 
 
-def attach_paths(element: Element, path: Path) -> list[Path]:
-    """Returns the paths at which MuJoCo looks for the file of a `<model>` in the model `path`."""
-    name = with_slashes(element.attributes.get("file", ""))
-    return list(dict.fromkeys([Path(name), path.parent / name]))
+def attach_path(element: Element, path: Path) -> Path:
+    """Returns the path at which MuJoCo looks for the file of a `<model>` in the model `path`."""
+    return path.parent / with_slashes(element.attributes.get("file", ""))
 
 
 def with_slashes(name: str) -> str:
@@ -235,8 +234,7 @@ def _attach(source: XmlSource) -> None:
 
 def attached_files(elements: Iterator[Element], path: Path) -> list[Path]:
     """Returns the files that `<model>` elements of the model `path` refer to; missing ones are omitted."""
-    candidates = (attach_paths(element, path) for element in elements if element.tag == "model")
-    return [file for paths in candidates if (file := next(filter(is_regular, paths), None))]
+    return [*filter(is_regular, (attach_path(element, path) for element in elements if element.tag == "model"))]
 
 
 def _parsed(source: XmlSource, path: Path, encoding: str | None = None) -> Element | None:

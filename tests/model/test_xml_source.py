@@ -25,6 +25,17 @@ def test_models_that_attach_each_other_in_a_circle_are_read_once(attaches: dict[
     assert sorted(root.file.stem for root in source.attached) == sorted(set(attaches) - {"a"})
 
 
+def test_an_attached_file_is_the_one_that_mujoco_finds_beside_the_model() -> None:
+    Path("sub").mkdir()
+    arm = '<mujoco><worldbody><body name="{}"/></worldbody></mujoco>'
+    Path("arm.xml").write_text(arm.format("other"))
+    Path("sub/arm.xml").write_text(arm.format("arm"))
+    attach = '<worldbody><attach model="m" body="arm" prefix="l_"/></worldbody>'
+    Path("sub/a.xml").write_text(f'<mujoco><asset><model name="m" file="arm.xml"/></asset>{attach}</mujoco>')
+    assert mujoco.MjModel.from_xml_path("sub/a.xml").nbody == 2
+    assert [root.file for root in read_xml(Path("sub/a.xml")).attached] == [Path("sub/arm.xml")]
+
+
 def test_elements_know_what_they_stand_in() -> None:
     outer = Element("default", {}, Path("a.xml"), 1)
     inner = Element("geom", {}, Path("a.xml"), 2, Element("default", {}, Path("a.xml"), 1, outer))

@@ -122,7 +122,7 @@ def _paths(element: xml_source.Element, name: str, source: xml_source.XmlSource,
     if element.tag == "include":
         return xml_source.include_paths(element, source.path)
     if element.tag == "model":
-        return xml_source.attach_paths(element, source.path)
+        return [xml_source.attach_path(element, source.path)]
     name = xml_source.with_slashes(name)
     if folders.get("strippath") == "true":
         name = os.path.basename(name)  # noqa: PTH119, a name that may end in a slash

@@ -390,7 +390,7 @@ def _tags(path: str, content: bytes) -> list[_Tag]:
 def _attached_file(tag: _Tag, model: str) -> str | None:
     """Returns the file of a `<model>` element, and the main member of an archive; None if it does not exist."""
     name = with_slashes(tag.attributes["file"])
-    place = first_existing([os.path.join(os.path.dirname(model), name), name])  # noqa: PTH118, PTH120
+    place = first_existing([os.path.join(os.path.dirname(model), name)])  # noqa: PTH118, PTH120
     if place and place.endswith(ARCHIVES):
         return main_mjcf(Path(place))
     return place
