@@ -1,6 +1,6 @@
 """Keyframes that a simulation cannot start from as written."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -61,7 +61,17 @@ def _joints_within(context: CheckContext, key: int, joints: Sequence[int]) -> Fi
         if model.jnt_type[joint] in SCALAR_JOINTS:
             address = int(model.jnt_qposadr[joint])
             words[address] = number_word(np.clip(model.key_qpos[key, address], *model.jnt_range[joint]))
-    return words_fix(context, context.element("keyframe", key), "qpos", words, "key_qpos")
+    return keyframe_fix(context, key, "qpos", words)
+
+
+def keyframe_fix(context: CheckContext, key: int, field: str, words: Mapping[int, str]) -> Fix | str:
+    """Returns the fix that replaces numbers of a keyframe, by their index in the compiled model.
+
+    The keyframe of an attached model counts only the joints and actuators of that model.
+    """
+    if context.place("keyframe", key).origin:
+        return GENERATED
+    return words_fix(context, context.element("keyframe", key), field, words, f"key_{field}")
 
 
 @rule("MJ403", "warning", "keyframe beyond a control range", fix=UNSAFE)
@@ -80,7 +90,7 @@ def controls_beyond_range(context: CheckContext) -> Iterator[Violation]:
                 number = _entry(context, key, "ctrl", i) or "the control of the actuator"
                 remedy = f"change {number} in the keyframe, or the actuator's ctrlrange"
                 words = {i: number_word(np.clip(model.key_ctrl[key, i], *model.actuator_ctrlrange[i]))}
-                fix = partial(words_fix, context, element, "ctrl", words, "key_ctrl")
+                fix = partial(keyframe_fix, context, key, "ctrl", words)
                 yield context.violation("keyframe", key, message, remedy, fix=fix)
         yield from _activations(context, key)
 
@@ -94,7 +104,7 @@ def _activations(context: CheckContext, key: int) -> Iterator[Violation]:
             number = _entry(context, key, "act", last) or "the activation of the actuator"
             remedy = f"change {number} in the keyframe, or the actuator's actrange"
             words = {last: number_word(np.clip(model.key_act[key, last], *model.actuator_actrange[i]))}
-            fix = partial(words_fix, context, context.element("keyframe", key), "act", words, "key_act")
+            fix = partial(keyframe_fix, context, key, "act", words)
             yield context.violation("keyframe", key, message, remedy, fix=fix)
 
 

@@ -13,9 +13,10 @@ import mujoco
 import numpy as np
 
 from mjrun.check.context import CheckContext
-from mjrun.check.rule import UNSAFE, Finding, Fix, Rule, Violation, rule, words_fix
+from mjrun.check.rule import UNSAFE, Finding, Fix, Rule, Violation, rule
 from mjrun.check.rules.contacts import deep_penetrations, filled_mesh
 from mjrun.check.rules.decomposition_fix import decomposed
+from mjrun.check.rules.keyframes import keyframe_fix
 from mjrun.check.rules.limits import joints_beyond_range, tendons_beyond_range
 from mjrun.errors import SimulationError, UnstableError, clean
 from mjrun.model.mujoco_globals import collected_warnings
@@ -366,4 +367,4 @@ def _lifted(context: CheckContext, key: int, pairs: Collection[tuple[int, int]])
     if not heights:
         return "only a floating body that penetrates a horizontal plane from above can be lifted"
     words = {address: number_word(round(height + 0.5 * 10**-DECIMALS, DECIMALS)) for address, height in lifted.items()}
-    return words_fix(context, context.element("keyframe", key), "qpos", words, "key_qpos")
+    return keyframe_fix(context, key, "qpos", words)

@@ -4,7 +4,9 @@ from pathlib import Path
 
 import pytest
 
+from mjrun.check.rule import GENERATED
 from mjrun.model.sources import load
+from tests.check.fixes import fixing
 from tests.check.models import arms, attaching, hinged, keyed, lint, mjcf
 
 
@@ -51,3 +53,16 @@ def test_a_keyframe_of_an_included_file_fits_the_joints_up_to_its_last(qpos: str
     expected = f"qpos of the keyframe has {count}, but the model has {needed}; MuJoCo uses qpos0 for the rest"
     assert messages == [expected] * bool(needed)
     assert load(Path("model.xml")).nq == 9
+
+
+def test_no_number_of_an_attached_keyframe_is_replaced_by_its_index_in_the_whole_model() -> None:
+    motor = '<actuator><motor joint="{}" ctrlrange="-1 1"/></actuator>'
+    motors, key = 2 * motor.format("j"), '<keyframe><key qpos="2 0.5" ctrl="3 0.25"/></keyframe>'
+    joints, compiler = 'range="-1 1"/><joint axis="1 0 0"', '<compiler angle="radian"/>'
+    own = '<body><joint name="i"/><geom size=".1" pos="-9 0 0"/></body>'
+    text = arms(own + attaching("l_"), motors + key, joints, compiler)
+    Path("model.xml").write_text(text.replace("</mujoco>", f"{motor.format('i')}</mujoco>"))
+    made = fixing("model.xml", unsafe=True)
+    assert made.files == []
+    reasons = {f.code: f.unfixed for f in made.results[0].findings}  # type: ignore[attr-defined]
+    assert [reasons[code] for code in ("MJ402", "MJ403")] == [GENERATED] * 2
