@@ -424,9 +424,14 @@ class OutputWriter:
             raise ClosedPipeError from None
 
     def open_file(self) -> BinaryIO:
-        """Opens the file to write to, which is closed with the writer."""
+        """Opens the file to write to, which is closed with the writer.
+
+        Raises:
+          FileError: it cannot be opened.
+        """
         stdout = self.destination.stdout
-        file = open(self.destination.path if stdout is None else stdout, "wb", closefd=stdout is None)  # noqa: SIM115
+        with self.writing():
+            file = open(self.destination.path if stdout is None else stdout, "wb", closefd=stdout is None)  # noqa: SIM115
         self.resources.enter_context(closing_quietly(file))
         return file
 

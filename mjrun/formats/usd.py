@@ -8,6 +8,7 @@ import math
 import os
 import shutil
 import time
+import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -277,9 +278,18 @@ def _package(files: Sequence[Path], target: Path) -> Path:
     for file in files:
         os.utime(file, (modified, modified))  # which the package stores
         writer.AddFile(str(file), file.name)
-    if not writer.Save():
-        raise FileError(target, "the package cannot be made")
+    if not (writer.Save() and _is_whole(target)):
+        raise FileError(target, "the package cannot be written")
     return target
+
+
+def _is_whole(package: Path) -> bool:
+    """Returns whether a package can be read; OpenUSD ignores failed writes."""
+    try:
+        with zipfile.ZipFile(package) as archive:
+            return archive.testzip() is None
+    except (zipfile.BadZipFile, EOFError):
+        return False
 
 
 def _set_vertices(prim: Any, mesh: Mesh) -> None:

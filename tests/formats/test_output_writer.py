@@ -119,6 +119,16 @@ def test_a_writer_that_fails_while_it_opens_leaves_nothing(tmp_path: Path) -> No
     assert names(tmp_path) == []
 
 
+def test_a_file_that_cannot_be_opened_is_an_error_of_its_output(tmp_path: Path) -> None:
+    with OutputWriter(StagedFile(tmp_path / "a")) as output:
+        output.destination.path.unlink(missing_ok=True)
+        output.destination.path.mkdir()
+        with pytest.raises(FileError, match="a: cannot be written: Is a directory"):
+            output.open_file()
+        output.destination.path.rmdir()
+    assert names(tmp_path) == []
+
+
 def test_a_file_that_cannot_be_written_at_once_leaves_nothing(tmp_path: Path) -> None:
     wrong: Any = "not bytes"
     with pytest.raises(TypeError):

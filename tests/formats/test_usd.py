@@ -213,6 +213,13 @@ def test_a_package_does_not_depend_on_the_time_of_day(tmp_path: Path) -> None:
         assert {entry.date_time for entry in package.infolist()} == {(1980, 1, 1, 0, 0, 0)}
 
 
+def test_a_package_that_is_cut_off_is_an_error() -> None:
+    file = io.BytesIO()
+    write_usd(file, ".usdz", SceneGraph(NODES), MOTION, 30, {})
+    with largest_file(len(file.getvalue()) - 20), pytest.raises(FileError, match="cannot be written"):
+        write_usd(io.BytesIO(), ".usdz", SceneGraph(NODES), MOTION, 30, {})
+
+
 def test_what_comes_and_goes_is_invisible_meanwhile_and_does_not_glide(tmp_path: Path) -> None:
     from pxr import UsdGeom
 
