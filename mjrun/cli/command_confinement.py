@@ -4,7 +4,7 @@ import math
 import os
 import signal
 from collections.abc import Generator, Iterable, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import field
 from pathlib import Path
 from typing import cast
@@ -132,16 +132,19 @@ def _named_paths(context: click.Context) -> _Paths:
         elif name == "summary" and values == [SUMMARY]:  # not its folder, which has other files of a CI system
             file = os.path.expandvars(SUMMARY)
             paths.written |= {_real(file): file} if Path(file).exists() else {}
-        elif isinstance(param, DeclaredOption) and _is_written(param.declared.kind):
+        elif isinstance(param, DeclaredOption) and (path := _path_kind(param.declared.kind)) and path.written:
             if not values and param.declared.default not in (None, "-"):
                 paths.written[_real(".")] = "."  # the default folder
-            elif param.declared.kind.metavar == "DIR":
+            elif name == "output" and param.declared.kind.metavar == "DIR":  # of a folder that is continued
                 paths.written |= {_real(text): text for text in values}
             else:
                 _add_outputs(paths, values)
-        elif name not in ConfinementOptions.__dataclass_fields__:
+        elif isinstance(param, DeclaredOption) and name not in ConfinementOptions.__dataclass_fields__:
             for text in values:
-                _add_file(paths, text.removeprefix("@"))
+                if _path_kind(param.declared.kind):
+                    _add_file(paths, text)
+                else:
+                    _add_files_in(paths, text)
 
     if (root := context.params.get("root")) is not None:
         if not Path(root).is_dir():
@@ -183,7 +186,7 @@ def _add_argument(paths: _Paths, argument: click.Argument, text: str) -> None:
         if model.written:
             paths.written[_real(text)] = text
     else:
-        _add_file(paths, text if Path(file).exists() else text.partition("=")[2])
+        _add_file(paths, text if Path(file).exists() or "=" not in text else text.partition("=")[2])
         if model and refers:
             paths.roots[_real(Path(file).parent)] = None
         if model and has_demonstration:
@@ -193,16 +196,21 @@ def _add_argument(paths: _Paths, argument: click.Argument, text: str) -> None:
 
 
 def _add_file(paths: _Paths, text: str) -> None:
-    """Adds an existing file, with the files that formats write beside it, or the package that it describes."""
+    """Adds a file, which may be missing, with the files that formats write beside it, or a package."""
     try:
         path = Path(split_episode(text)[0])
-        if not text or not path.exists():
-            return
+        beside = [path.with_name(f"{path.name}.json"), path.with_name(f"{path.name}.data")] if path.is_file() else []
+        paths.files |= {_real(each): None for each in (path, *beside) if text not in ("", "-")}
     except (OSError, ValueError):  # too long for a path, or with a null character
         return
-    beside = [path.with_name(f"{path.name}.json"), path.with_name(f"{path.name}.data")] if path.is_file() else []
-    for each in (path, *beside):
-        paths.files[_real(each)] = None
+
+
+def _add_files_in(paths: _Paths, text: str) -> None:
+    """Adds the existing files that a value names: `FILE`, `@FILE`, or settings such as `trace=FILE,map=FILE`."""
+    for each in (text.removeprefix("@"), *(part.rpartition("=")[2] for part in text.split(","))):
+        with suppress(OSError, ValueError):
+            if Path(split_episode(each)[0]).exists():
+                _add_file(paths, each)
 
 
 def _add_outputs(paths: _Paths, texts: Iterable[str]) -> None:
@@ -210,10 +218,11 @@ def _add_outputs(paths: _Paths, texts: Iterable[str]) -> None:
     paths.written |= {_real(folder): folder for folder in folders}
 
 
-def _is_written(kind: AnyKind) -> bool:
+def _path_kind(kind: AnyKind) -> PathKind | None:
+    """Returns the kind of the paths that an option accepts; None if it accepts none."""
     while isinstance(kind, OneOrMoreKind):
         kind = kind.each
-    return isinstance(kind, PathKind) and kind.written
+    return kind if isinstance(kind, PathKind) else None
 
 
 def _real(path: str | Path) -> str:

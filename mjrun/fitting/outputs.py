@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import mujoco
 import numpy as np
 
+from mjrun.confinement.confinement import OUTSIDE, is_readable
 from mjrun.dataclass import dataclass
 from mjrun.errors import ModelError, UsageError, clean, concerning, listing, option
 from mjrun.fitting.free_parameter import FreeParameter, overrides, values_at
@@ -343,6 +344,11 @@ class FittedModelFile:
         main = self._main
         if self.path.suffix != SUFFIX:
             raise UsageError(f"{option('output')} {clean(str(self.path))}: a fitted model is an {SUFFIX} file")
+        if not is_readable(self.path):
+            raise UsageError(
+                f"{option('output')} {clean(str(self.path))} {OUTSIDE}, and is read to check it\n"
+                f"write it beside {clean(str(main))}, or set {option('root')} to a folder with both"
+            )
         elsewhere = [each.element.file.name for each in changes(main, overrides) if each.element.file != main]
         if elsewhere:
             raise UsageError(

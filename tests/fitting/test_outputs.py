@@ -69,6 +69,16 @@ def test_a_text_of_another_model_is_refused_before_the_fit(
     assert [path.name for path in (tmp_path / "elsewhere").iterdir()] == ["more.xml"]
 
 
+def test_a_confined_fit_refuses_a_place_where_it_could_not_check_the_model(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("mjrun.fitting.outputs.is_readable", lambda path: path.parent != tmp_path / "out")
+    source = FileSource(write_model(tmp_path))
+    FittedModelFile(tmp_path / "fitted.xml", source).check(OVERRIDES)
+    with pytest.raises(UsageError, match=r"out/fitted\.xml is outside the folder .*\n.*set root"):
+        FittedModelFile(tmp_path / "out" / "fitted.xml", source).check(OVERRIDES)
+
+
 def test_what_stands_in_an_included_file_is_refused(tmp_path: Path) -> None:
     (tmp_path / "main.xml").write_text('<mujoco><include file="pendulum.xml"/></mujoco>')
     write_model(tmp_path)

@@ -121,11 +121,12 @@ def test_a_writer_that_fails_while_it_opens_leaves_nothing(tmp_path: Path) -> No
 
 def test_a_file_that_cannot_be_opened_is_an_error_of_its_output(tmp_path: Path) -> None:
     with OutputWriter(StagedFile(tmp_path / "a")) as output:
-        output.destination.path.unlink(missing_ok=True)
-        output.destination.path.mkdir()
+        temporary = Path(output.destination.path)
+        temporary.unlink()
+        temporary.mkdir()
         with pytest.raises(FileError, match="a: cannot be written: Is a directory"):
             output.open_file()
-        output.destination.path.rmdir()
+        temporary.rmdir()
     assert names(tmp_path) == []
 
 
