@@ -103,7 +103,7 @@ def stage_parts(
     if planes.sum() > (added >= 0) or np.any(model.tex_type == mujoco.mjtTexture.mjTEXTURE_SKYBOX):
         return ()
     falls = added < 0 and np.any(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
-    is_framed = not is_measured and any(
+    is_framed = any(
         str(camera).partition(":")[0] == "auto" for camera in (options.camera if cameras is None else cameras)
     )
     lacks = {"floor": not (is_measured or falls), "light": not model.nlight, "sky": True, "camera": is_framed}

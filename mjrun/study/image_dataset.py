@@ -116,7 +116,7 @@ class Dataset(DatasetOptions, ExecutionOptions):
     def _stage_parts(self, model: mujoco.MjModel, reporter: Reporter) -> Sequence[str]:
         """Returns the parts of a stage to add, and reports those that are not requested."""
         require_finite_extent(model, self.simulation.source)
-        parts = stage_parts(ViewOptions(stage=self.stage), model, is_measured=True)
+        parts = stage_parts(ViewOptions(stage=self.stage), model, cameras=(), is_measured=True)
         if parts and "auto" in self.stage:
             reporter.note(stage_remark(parts))
         return parts
