@@ -363,7 +363,7 @@ def _model_camera(text: str, model: mujoco.MjModel, cameras: list[str]) -> Model
             raise UsageError(f"{clean(text)}: camera scripts do not apply here; give a camera or a rig") from None
         kind, colon, _ = text.partition(":")
         meant = near(kind, RIG_EXAMPLES) if colon else ()
-        raise UnknownNameError("camera", text, [*cameras, *RIG_EXAMPLES], meant=meant) from None
+        raise UnknownNameError("camera", text, [*dict.fromkeys([*cameras, *RIG_EXAMPLES])], meant=meant) from None
     return ModelRig(text)
 
 

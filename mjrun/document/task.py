@@ -29,11 +29,11 @@ from mjrun.dataclass import dataclass
 from mjrun.document.builder import MODEL, DocumentContext, DocumentValueBuilder, Values, values_of
 from mjrun.document.reader import read, unchecked_document
 from mjrun.document.tree import DocumentPath, MappingNode, document_error, number, option_fault
-from mjrun.errors import UsageError, quoted
+from mjrun.errors import UnknownNameError, UsageError, quoted
 from mjrun.model.override import overrides_of
 from mjrun.model.source import ModelSource
-from mjrun.model.sources import is_task_name, parse_source
-from mjrun.model.sources.bundled_scene import bundled_task
+from mjrun.model.sources import is_file, is_task_name, parse_source
+from mjrun.model.sources.bundled_scene import bundled_task, bundled_task_names
 from mjrun.options.kinds import TextKind
 from mjrun.options.model import ModelOptions
 from mjrun.options.number_kinds import RealKind
@@ -127,8 +127,11 @@ def read_task(path: Path | str, assignments: Sequence[str] = ()) -> Task:
     Raises:
       DocumentError: the document, one that it names or an assignment is faulty; all faults are listed.
       FileError: one of them is missing or cannot be read.
+      UnknownNameError: the path names a model in a collection, or an unknown task of the gallery.
     """
     bundled = bundled_task(str(path))
+    if bundled is None and not is_file(str(path)):
+        raise UnknownNameError("task", str(path), bundled_task_names())
     file = bundled or Path(path)
     folders = DocumentContext(file.parent)
     document, tree = read(file, TASK, folders, assignments, variables=True)

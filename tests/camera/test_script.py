@@ -38,6 +38,12 @@ def test_a_shot_is_that_of_its_rig_alone() -> None:
     assert pose.frustum.fovy == pytest.approx(SIDE_CAMERA.cam_fovy[0])
 
 
+def test_a_camera_that_is_called_like_a_rig_is_listed_once() -> None:
+    model = mujoco.MjModel.from_xml_string('<mujoco><worldbody><camera name="track"/></worldbody></mujoco>')
+    with pytest.raises(UsageError, match=r"cameras: track, auto, free, orbit, look$"):
+        parse_camera("top", model)
+
+
 @pytest.mark.parametrize("phase", [0.0, 0.3, 1.0])
 def test_a_shot_is_level_at_every_time(phase: float) -> None:
     assert LEVEL.at(phase) == 0

@@ -14,7 +14,7 @@ import mjrun
 from mjrun.document import task as task_module
 from mjrun.document.json_schema import json_schema
 from mjrun.document.task import read_task
-from mjrun.errors import DocumentError, FileError, UsageError, concerning
+from mjrun.errors import DocumentError, FileError, UnknownNameError, UsageError, concerning
 from mjrun.options.model import ModelOptions
 from mjrun.options.option import Options, options_of
 from mjrun.options.task import (
@@ -62,6 +62,12 @@ def test_a_task_of_the_gallery_has_a_name() -> None:
     assert ours.load().nq == read_task(file).load().nq
     with pytest.raises(DocumentError, match="a task requires a model"):
         read(WHOLE.replace("scene:car", "scene:car_drive"))
+
+
+@pytest.mark.parametrize("name", ["scene:car_driv", "scene:car", "gym:Ant-v5"])
+def test_a_name_that_is_no_task_of_the_gallery_lists_those_that_are(name: str) -> None:
+    with pytest.raises(UnknownNameError, match=rf"no task '{name}'.*\ntasks: scene:car_drive, "):
+        read_task(name)
 
 
 # --- what is said -------------------------------------------------------------------------------------

@@ -1,7 +1,7 @@
 """The scenes that come with mjrun, written `scene:NAME`: model sources, and task documents."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
 from itertools import takewhile
 from pathlib import Path
@@ -40,6 +40,11 @@ def bundled_task(text: str) -> Path | None:
     """Returns the document of the task that `text` names, as `scene:car_drive` does; None for other texts."""
     prefix, _, name = text.partition(":")
     return _tasks().get(name) if prefix == BundledSceneSource.PREFIX else None
+
+
+def bundled_task_names() -> Sequence[str]:
+    """Returns the names of the tasks, such as `scene:car_drive`."""
+    return [f"{BundledSceneSource.PREFIX}:{name}" for name in _tasks()]
 
 
 @cache
