@@ -20,7 +20,7 @@ from mjrun.model.xml_source import ACTUATORS, Element, XmlSource, holder
 ROUNDING = 6e-4  # the relative error of 1.57 as a quarter turn
 SLACK = 0.01  # relative to a range; limits are soft, and keyframes are saved from simulations at their limits
 # MuJoCo's enums equal integers, but numpy does not find them among integers.
-HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
+HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 ROTATING = (HINGE, int(mujoco.mjtJoint.mjJNT_BALL))
 FIELD_PREFIXES = {"joint": "jnt", "tendon": "tendon", "actuator": "actuator"}
 FIELDS = {"actuatorfrcrange": "actfrcrange"}  # whose names differ from those of the attributes
@@ -35,6 +35,7 @@ RANGES = {
     "position": (*ACTUATOR_LIMITS.items(), ("inheritrange", "ctrllimited")),
     "intvelocity": (*ACTUATOR_LIMITS.items(), ("inheritrange", "actlimited")),
 }
+SHARED_WITH_SLIDE = "a slide has its range from the same default class"
 INNER = 0.75  # part of a box that is well inside; links may touch beside the hinge
 SAMPLES = 24  # positions of a hinge, at least 15 degrees apart in a full turn
 
@@ -149,6 +150,9 @@ def _converted(context: CheckContext, joint: int, words: Sequence[str]) -> Fix |
     """Returns the fix that writes a range in the other unit, in the element or in the default class that sets it."""
     element = context.element("joint", joint)
     owner = holder(element, "range") if element else None
+    slides = [context.element("joint", each) for each in map(int, np.flatnonzero(context.model.jnt_type == SLIDE))]
+    if owner and any(slide and holder(slide, "range") is owner for slide in slides):
+        return SHARED_WITH_SLIDE
     return words_fix(context, owner, "range", dict(enumerate(words)), "jnt_range", *INHERITED)
 
 

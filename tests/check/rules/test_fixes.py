@@ -79,6 +79,12 @@ def test_inertia_is_inferred_where_a_model_prevents_it_and_gives_none() -> None:
 def test_an_angle_in_the_wrong_unit_is_converted_where_it_is_set() -> None:
     text = hinged(before='<default><joint range="-1.57 3.14159"/></default>')
     assert fixed(text, unsafe=True) == text.replace("-1.57 3.14159", "-90 180")
+
+
+def test_a_range_in_the_wrong_unit_stays_where_a_slide_inherits_it_too() -> None:
+    slide = '<body><joint type="slide"/><geom size=".1" pos="9 9 9"/></body>'
+    text = hinged(before='<default><joint range="-1.57 1.57"/></default>', world=slide)
+    assert fixed(text, unsafe=True) == text
     text = hinged('range="-90 90"', before='<compiler angle="radian"/>')
     model = mujoco.MjModel.from_xml_string(fixed(text, unsafe=True))
     np.testing.assert_allclose(model.jnt_range, [[-np.pi / 2, np.pi / 2]])
