@@ -148,8 +148,9 @@ class XmlSource:
 
     @property
     def mjcf_texts(self) -> dict[Path, bytes]:
-        """The bytes of each file that was read if the model is MJCF; none of URDF, which is not edited."""
-        return self.texts if self.root is not None and self.root.tag == "mujoco" else {}
+        """The bytes of each file of MJCF that was read; URDF is not edited, be it the model or attached."""
+        others = {root.file for root in (self.root, *self.attached) if root and root.tag != "mujoco"}
+        return {path: text for path, text in self.texts.items() if path not in others}
 
     def elements(self) -> Iterator[Element]:
         """Yields all elements in order, those of included files in place of the include."""

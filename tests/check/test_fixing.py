@@ -202,6 +202,18 @@ def test_a_urdf_is_reported_and_not_fixed(name: str) -> None:
     assert Path(model).read_text() == text
 
 
+def test_an_attached_urdf_is_not_edited_either() -> None:
+    inertia = '<inertial><mass value="1"/><inertia ixx="9" iyy="9" izz="9" ixy="0" ixz="0" iyz="0"/></inertial>'
+    link = f'<link name="a">{inertia}<collision><geometry><sphere radius="1"/></geometry></collision></link>'
+    joint = '<joint name="j" type="continuous"><parent link="base"/><child link="a"/></joint>'
+    write("arm.urdf", f'<robot name="r"><link name="base"/>{link}{joint}</robot>')
+    asset = '<asset><model name="m" file="arm.urdf"/></asset>'
+    model = write("model.xml", mjcf('<attach model="m" body="a" prefix="l_"/>', before=asset))
+    made = fixing(model, unsafe=True)
+    assert made.files == []
+    assert "MJ206" in [finding.code for finding in made.results[0].findings]  # type: ignore[attr-defined]
+
+
 def test_fixes_of_the_command_are_those_of_the_processes() -> None:
     model = write("model.xml", hinged(SWAPPED, before='<option mpr_iterations="5"/>'))
     result = ModelCheck([model], fix=True, steps=0).run()
