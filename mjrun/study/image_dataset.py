@@ -17,6 +17,7 @@ from mjrun.errors import FailedPointsError, FileError, UsageError, listing, opti
 from mjrun.experiment.results_table import raise_failures
 from mjrun.file_version import file_version
 from mjrun.formats import datasets
+from mjrun.formats.datasets import require_perspective
 from mjrun.formats.local_and_remote_folders import written_file
 from mjrun.model.mujoco_globals import reported_warnings
 from mjrun.model.names import names
@@ -133,6 +134,8 @@ class Dataset(DatasetOptions, ExecutionOptions):
     def _check(self, prepared: PreparedStudy, objects: Sequence[ObjectToLabel]) -> None:
         """Raises errors that concern all points before the first is rendered."""
         AcceptanceConditions(self, objects)
+        if self.yolo_task == "pose" and not any(each.keypoints for each in objects):
+            raise UsageError(f"{option('yolo_task')} pose: no object has {option('keypoints')}")
         first = prepared.points.values(0)
         camera = {key.removeprefix(CAMERA): text for key, text in first.items() if key.startswith(CAMERA)}
         if camera and not any(isinstance(each, str) and each.partition(":")[0] in RIG_EXAMPLES for each in self.camera):
@@ -140,7 +143,9 @@ class Dataset(DatasetOptions, ExecutionOptions):
                 f"{option('vary')} {CAMERA}…: a camera of the model has no settings; give a rig, such as free"
             )
         cameras = [camera_argument(each, camera) if isinstance(each, str) else each for each in self.camera]
-        camera_motions(cameras, self.size, prepared.model)
+        for motion in camera_motions(cameras, self.size, prepared.model):
+            for each in self.format:
+                require_perspective(each, motion.script.name, perspective=motion.perspective)
         timeline = prepared.first.timeline(prepared.model)
         if self.simulation.has_end and max(self.times) > timeline.duration:
             late, end = float(max(self.times)), float(timeline.duration)

@@ -22,7 +22,8 @@ from tests.study.in_process import simulate_here
 
 MODEL = """<mujoco><visual><quality shadowsize="64" offsamples="0"/></visual>
 <asset><material name="red" rgba="1 0 0 1"/></asset><worldbody>
-  <light pos="0 0 3"/><geom name="floor" type="plane" size="1 1 .1"/>
+  <light pos="0 0 3"/><camera name="flat" projection="orthographic" fovy="1"/>
+  <geom name="floor" type="plane" size="1 1 .1"/>
   <body name="box" pos="0 0 {height}"><freejoint/><geom type="box" size=".1 .1 .1" material="red"/></body>
   <body name="ball" pos=".4 0 .1"><freejoint/><geom size=".1"/><site name="top" pos="0 0 .1"/></body>
   </worldbody></mujoco>"""
@@ -261,6 +262,7 @@ def test_wrong_options_are_refused_with_what_is_right(
     with pytest.raises(UsageError) as caught:
         made(model, tmp_path / "set", **options)
     assert message in str(caught.value)
+    assert not (tmp_path / "set").exists()
 
 
 def test_times_after_the_end_are_refused(model: Path, tmp_path: Path) -> None:

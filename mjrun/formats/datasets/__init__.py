@@ -4,9 +4,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from mjrun.dataclass import dataclass
+from mjrun.errors import UsageError, option
 
 Record = Mapping[str, Any]  # of an image, as `mjrun.study.point_images` describes it
 Files = Sequence[tuple[str, bytes]]  # paths in the dataset, and contents
+PERSPECTIVE_ONLY = ("nerfstudio", "bop")  # formats without orthographic cameras
 
 
 @dataclass(frozen=True)
@@ -33,3 +35,9 @@ class DatasetRecords:
     def keypoints(self, category: str) -> list[str]:
         """Returns the names of the keypoints of the objects of a category."""
         return list(dict.fromkeys(name for _, each, points in self.objects if each == category for name in points))
+
+
+def require_perspective(name: str, camera: str, *, perspective: bool) -> None:
+    """Raises UsageError if the format has no orthographic cameras, and the camera is one."""
+    if name in PERSPECTIVE_ONLY and not perspective:
+        raise UsageError(f"{option('format')} {name} has no orthographic cameras, and {camera} is one")

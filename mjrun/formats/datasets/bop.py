@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from mjrun.errors import UsageError, option
 from mjrun.formats.calibration_writer import CENTER
-from mjrun.formats.datasets import DatasetRecords, Files, Record
+from mjrun.formats.datasets import DatasetRecords, Files, Record, require_perspective
 
 SCENE = "000000"
 
@@ -34,8 +33,7 @@ def files(dataset: DatasetRecords) -> Files:
 
 
 def _camera(record: Record) -> dict[str, Any]:
-    if not record["perspective"]:
-        raise UsageError(f"{option('format')} bop has no orthographic cameras, and {record['camera']} is one")
+    require_perspective("bop", record["camera"], perspective=record["perspective"])
     matrix, pose = np.array(record["K"]), np.linalg.inv(record["world_from_camera"])
     matrix[:2, 2] -= CENTER  # whole numbers are the centres of pixels
     return {

@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from mjrun.errors import UsageError, option
 from mjrun.formats.calibration_writer import OPENGL
-from mjrun.formats.datasets import DatasetRecords, Files, Record
+from mjrun.formats.datasets import DatasetRecords, Files, Record, require_perspective
 
 
 def files(dataset: DatasetRecords) -> Files:
@@ -26,8 +25,7 @@ def files(dataset: DatasetRecords) -> Files:
 
 
 def _frame(record: Record) -> dict[str, Any]:
-    if not record["perspective"]:
-        raise UsageError(f"{option('format')} nerfstudio has no orthographic cameras, and {record['camera']} is one")
+    require_perspective("nerfstudio", record["camera"], perspective=record["perspective"])
     matrix = record["K"]
     return {
         "file_path": record["files"]["rgb"],

@@ -3,7 +3,6 @@
 from collections.abc import Iterator, Sequence
 from pathlib import PurePosixPath
 
-from mjrun.errors import UsageError, option
 from mjrun.formats.datasets import DatasetRecords, Files, Record
 from mjrun.formats.datasets.coco import area, keypoints, mask_of, polygons
 from mjrun.formats.segmentation_labels import ascii_json
@@ -12,11 +11,7 @@ LAST_SHORT = 0xFFFF  # the last character that JSON escapes as one
 
 
 def files(dataset: DatasetRecords) -> Files:
-    """Returns the labels of each image, the list of images of each part, and data.yaml.
-
-    Raises:
-      UsageError: keypoints are requested, and no object has any.
-    """
+    """Returns the labels of each image, the list of images of each part, and data.yaml."""
     written = list[tuple[str, bytes]]()
     for part, records in dataset.records.items():
         for record in records:
@@ -39,10 +34,7 @@ def _description(dataset: DatasetRecords) -> str:
 
 
 def _most_keypoints(dataset: DatasetRecords) -> int:
-    most = max(len(dataset.keypoints(name)) for name in dataset.categories)
-    if not most:
-        raise UsageError(f"{option('yolo_task')} pose: no object has {option('keypoints')}")
-    return most
+    return max(len(dataset.keypoints(name)) for name in dataset.categories)
 
 
 def _lines(dataset: DatasetRecords, record: Record) -> Iterator[str]:

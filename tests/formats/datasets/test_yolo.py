@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import yaml
 
-from mjrun.errors import UsageError
 from mjrun.formats.datasets import DatasetRecords
 from mjrun.formats.datasets.yolo import files
 from tests.formats.datasets.dataset_of_two import HEIGHT, IDS, WIDTH, dataset, image, mask
@@ -52,8 +51,6 @@ def test_poses_have_the_same_number_of_keypoints() -> None:
     first, second = lines("pose")
     np.testing.assert_allclose(first[5:], [4.5 / WIDTH, 3.25 / HEIGHT, 2, 0, 0, 0], atol=1e-5)
     assert second[5:] == [0] * 6
-    with pytest.raises(UsageError, match="no object has"):
-        files(DatasetRecords({"train": []}, [("a", "thing", ())], yolo_task="pose"))
 
 
 def test_the_description_lists_images_and_names() -> None:
