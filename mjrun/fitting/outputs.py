@@ -303,7 +303,8 @@ class FitOutputs:
 
 def _check_names(fit: FitOptions, simulation: Simulation) -> None:
     if fit.comparison is not None:
-        output_format(fit.comparison)
+        with concerning("comparison"):
+            output_format(fit.comparison)
     if fit.ranges is not None and not is_yaml(fit.ranges):
         raise UsageError(f"{option('ranges')} {clean(fit.ranges)}: ranges are written as .yaml")
     if fit.ranges is not None:

@@ -6,7 +6,7 @@ from fractions import Fraction
 from pathlib import Path
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, option
+from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, option
 from mjrun.options.video import FPS, GIF_FPS
 
 # Untagged colour shifts hue: players guess. This is the transform for BT.709 and the tags that say so.
@@ -270,7 +270,8 @@ def encoding(
         instead = lossy if content == "ids" else f"or set {option('style')} to color"
         raise UsageError(f"{name} cannot hold {CONTENT_NAMES[content]}\n{', '.join(able)} can; {instead}")
     if codec is not None and codec not in holds:
-        raise UnknownNameError("codec", codec, holds, where=name)
+        with concerning("codec"):
+            raise UnknownNameError("codec", codec, holds, where=name)
     chosen = codec or holds[0]
     known = CODECS[chosen]
     if crf is not None and known.crf is None:
@@ -278,7 +279,8 @@ def encoding(
     if crf is not None and known.crf and not known.crf[0] <= crf <= known.crf[1]:
         raise BadValueError(option("crf"), crf, f"from {known.crf[0]} (best) to {known.crf[1]}, as {chosen} takes")
     if preset is not None and preset not in known.presets:
-        raise UnknownNameError("preset", preset, known.presets, where=f"codec {chosen}")
+        with concerning("preset"):
+            raise UnknownNameError("preset", preset, known.presets, where=f"codec {chosen}")
     default_crf = known.crf[2] if known.crf else None
     return VideoEncoding(name, chosen, default_crf if crf is None else crf, preset or known.preset or None)
 
@@ -300,14 +302,16 @@ def container_name(output: str | None, format: str | None) -> str:  # noqa: A002
       UsageError: the container is unknown, or the two disagree.
     """
     if format is not None and format not in CONTAINERS:
-        raise UnknownNameError("format", format, list(CONTAINERS))
+        with concerning("format"):
+            raise UnknownNameError("format", format, list(CONTAINERS))
     if output is None:
         return format or "mp4"
     suffix = "png" if is_folder(output) else Path(output).suffix.lower().removeprefix(".")
     if suffix not in CONTAINERS:
         if format:
             return format
-        raise UnknownNameError("video format", f".{suffix}", suffixes(), where=output)
+        with concerning("output"):
+            raise UnknownNameError("video format", f".{suffix}", suffixes(), where=output)
     if format not in (None, suffix):
         raise UsageError(f"{option('format')} {format} and the suffix of {clean(output)} disagree")
     return suffix

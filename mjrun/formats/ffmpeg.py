@@ -453,7 +453,6 @@ def _destination(output: str | None, encoding: VideoEncoding) -> Destination:
     if is_folder(output):
         return StagedFrameFolder(Path(output))
     if len(re.findall(r"%\d*d", Path(output).name)) != 1:
-        raise UsageError(
-            f"{clean(output)}: PNG frames need a number in their name, as in frame_%04d.png, or a folder, as in frames/"
-        )
+        hint = "PNG frames need a number in their name, as in frame_%04d.png, or a folder, as in frames/"
+        raise UsageError(f"{clean(output)}: {hint}", path=("output",))
     return StagedFramePattern(Path(output))

@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import UnknownNameError, UsageError, clean, option
+from mjrun.errors import UnknownNameError, UsageError, clean, concerning, option
 
 if TYPE_CHECKING:
     from mjrun.formats.image_encoding import ImageData
@@ -132,7 +132,8 @@ def _format(
         if chosen is None and any(name == known or f".{name}" in form.suffixes for known, form in others):
             raise _cannot_hold(f"{option('format')} {name}", contents, list(choices), hint)
         if chosen is None:
-            raise UnknownNameError("format", name, list(choices))
+            with concerning("format"):
+                raise UnknownNameError("format", name, list(choices))
     if output is None:
         return chosen or "png"
 
@@ -145,7 +146,8 @@ def _format(
         return by_suffix[0]
     if is_known:
         raise _cannot_hold(f"{clean(output)}: a {suffix}", contents, valid, hint)
-    raise UnknownNameError(kind, suffix, valid, where=output)
+    with concerning("output"):
+        raise UnknownNameError(kind, suffix, valid, where=output)
 
 
 def _suffixes(formats: Mapping[str, ImageFormat]) -> list[str]:

@@ -33,7 +33,8 @@ class PointCloudWriter(OutputWriter):
 
     def __init__(self, output: str, legend: Sequence[SegmentedObject] | None = None) -> None:
         if Path(output).suffix.lower() != SUFFIX:
-            raise UsageError(f"{clean(output)}: a point cloud is a PLY file; its name must end in {SUFFIX}")
+            message = f"{clean(output)}: a point cloud is a PLY file; its name must end in {SUFFIX}"
+            raise UsageError(message, path=("pointcloud",))
         self.count = 0
         self._fields = [*PLACE, *COLOR, *(LABEL if legend is not None else ())]
         self._legend = legend or ()

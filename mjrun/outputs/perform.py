@@ -245,6 +245,7 @@ def open_pass(plan: PassPlan[R], stack: ExitStack, backends: RenderingResources)
     """Opens all files, whose unpublished ones the stack removes, and starts encoders and drawing processes.
 
     Raises:
+      FaultyRequestsError: there are several errors in options; a single one is raised unchanged.
       MjrunError: a file cannot be written, an input has changed while it was read, or no backend works.
     """
     context = plan.context
@@ -256,7 +257,12 @@ def open_pass(plan: PassPlan[R], stack: ExitStack, backends: RenderingResources)
         context.reporter.note(text)
     for text in context.simulation.remarks(context.model):
         context.reporter.warn(text)
-    return OpenPass(plan, manifests, [each.open(stack, backends) for each in plan.outputs])
+    collected, opened = _UsageErrors(alone=len(plan.outputs) == 1), list[OpenOutput[R]]()
+    for index, each in enumerate(plan.outputs):
+        with collected.errors_of(index):
+            opened.append(each.open(stack, backends))
+    collected.raise_all()
+    return OpenPass(plan, manifests, opened)
 
 
 class OpenPass(Generic[R]):

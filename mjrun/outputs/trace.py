@@ -83,10 +83,12 @@ class Trace(TraceOptions, output.OutputRequest["TraceResult"]):
           UsageError: a suffix or format is unknown.
         """
         if self.golden is not None:
-            input_format(Path(self.golden))
+            with concerning("golden"):
+                input_format(Path(self.golden))
         output_format(self.target, self.format)
         if self.contacts is not None:
-            output_format(self.contacts)
+            with concerning("contacts"):
+                output_format(self.contacts)
         tables = self._csv_tables()
         if self.units and not tables:
             formats = listing([known.suffixes[0] for known in FORMATS.values() if not known.is_text])

@@ -15,7 +15,7 @@ from mjrun.document.run import read_run
 from mjrun.errors import DocumentError, FileError, UsageError, listing
 from mjrun.options.run import RunCommandOptions
 from mjrun.outputs.image import Image
-from mjrun.outputs.perform import perform, preview
+from mjrun.outputs.perform import perform
 from mjrun.outputs.plot import Plot
 from mjrun.outputs.recording import Recording
 from mjrun.outputs.trace import Trace
@@ -299,10 +299,11 @@ def found(text: str, *assignments: str) -> list[str]:
     """What is wrong, each cut after the name that is not there."""
     Path("m.xml").write_text(HINGED)
     Path("c.csv").write_text("time,ctrl/motr\n0,1\n")
+    Path("g.csv").write_text("time,qpos/hinge\n0,0\n")
     Path("d.yaml").write_text(BELOW + text)
     orders = read_run("d.yaml", assignments, OUT)
     with pytest.raises(DocumentError) as caught, orders.located():
-        preview(orders.outputs)
+        perform(orders.outputs)
     return [str(problem).removeprefix("d.yaml:").split(" (did")[0].split(";")[0] for problem in caught.value.problems]
 
 

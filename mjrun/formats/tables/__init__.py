@@ -20,7 +20,7 @@ from pathlib import Path
 from types import ModuleType
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import UnknownNameError, UsageError, clean, option
+from mjrun.errors import UnknownNameError, UsageError, clean, concerning, option
 from mjrun.suffixes import HDF5
 
 
@@ -99,7 +99,8 @@ def output_format(output: str | None, format: str | None = None) -> TableFormat:
       MissingExtraError: the library of the format is not installed.
     """
     if format is not None and format not in FORMATS:
-        raise UnknownNameError("format", format, list(FORMATS))
+        with concerning("format"):
+            raise UnknownNameError("format", format, list(FORMATS))
     chosen = FORMATS[format or "csv"]
     if output is None:
         if not chosen.is_text:
@@ -113,7 +114,8 @@ def output_format(output: str | None, format: str | None = None) -> TableFormat:
         raise UsageError(f"{option('format')} {format} and the suffix of {clean(output)} disagree")
     if format is None:
         if by_suffix is None:
-            raise UnknownNameError("table format", suffix, suffixes(), where=output)
+            with concerning("output"):
+                raise UnknownNameError("table format", suffix, suffixes(), where=output)
         chosen = by_suffix
     chosen.require_library(f"writing {chosen.suffixes[0]}")
     return chosen
