@@ -32,6 +32,7 @@ from mjrun.model.text_edits import TextEdit, disjoint, edited
 from mjrun.model.xml_source import read_xml
 from mjrun.platform import system
 from mjrun.platform.mirrored_paths import mirrored
+from mjrun.suffixes import XML
 
 MAX_ROUNDS = 50
 ROUNDING = 1e-9  # absolute and relative, of numbers that a fix writes in another way, with ten digits
@@ -56,6 +57,12 @@ class _Group:
     models: list[str]
     places: dict[Path, str]
     texts: dict[str, bytes]
+
+    def read(self, file: str) -> None:
+        """Adds the XML files that belong to `file`: a model, or a file that a fix lets a model read."""
+        for path, text in read_xml(Path(file)).texts.items():
+            self.places[path.absolute()] = real = os.path.realpath(path)
+            self.texts.setdefault(real, text)
 
 
 class _Attempt(NamedTuple):
@@ -171,8 +178,10 @@ class ModelFixer:
                 if new == texts:
                     problem = _problem(results, checked, fixes)
                     return _Attempt(texts, fixes, [each.result for each in checked], problem)
-                texts = new
                 fixes += [proposed[edits] for edits in chosen]
+                for file in _xml_files(fixes):
+                    group.read(file)
+                texts = group.texts | new
                 mirror.write(texts, fixes)
                 checked = self._check([*mirror.copies(original)])
                 if original is None and all(each.result.loads and each.changes is None for each in checked):
@@ -204,16 +213,17 @@ class _Mirror:
     def __enter__(self) -> "_Mirror":
         files = [file.absolute() for model in self._group.models for file in source_of(model).files]
         for file in dict.fromkeys([*self._group.places, *files]):
-            self._add(file, is_link=file not in self._group.places)
+            self._add(file)
         return self
 
     def __exit__(self, *_: object) -> None:
         self._stack.close()
 
-    def _add(self, file: Path, *, is_link: bool) -> None:
+    def _add(self, file: Path) -> None:
+        """Makes the folder of a file, and links the file unless it is one of the texts."""
         copy = mirrored(self._root, file)
         os.makedirs(copy.parent, exist_ok=True)  # noqa: PTH103 – with every part of a path such as a/../b
-        if not is_link:
+        if file in self._group.places:
             return
         try:
             copy.symlink_to(file)
@@ -224,11 +234,13 @@ class _Mirror:
 
     def write(self, texts: Mapping[str, bytes], fixes: Sequence[tuple[str, Fix]]) -> None:
         """Writes texts, given by real paths, to the places of these paths, and links the files that they read now."""
-        for file in (file for _, fix in fixes for file in fix.files):
-            self._add(Path(file).absolute(), is_link=True)
+        assets = [Path(file) for _, fix in fixes for file in fix.files]
+        for file in (*assets, *(file for xml in _xml_files(fixes) for file in source_of(xml).files)):
+            self._add(file.absolute())
         for place, real in _places(self._group, fixes).items():
             copy = mirrored(self._root, place)
             copy.parent.mkdir(parents=True, exist_ok=True)
+            copy.unlink(missing_ok=True)  # a link leads to the original
             copy.write_bytes(texts[real])
 
     def copies(self, original: "_Mirror | None") -> Iterator[FixedModelCopy]:
@@ -257,9 +269,8 @@ def _groups(models: Sequence[str]) -> list[_Group]:
     """Returns the models in groups that share no file."""
     groups: list[_Group] = []
     for model in models:
-        texts = read_xml(Path(model)).texts
-        places = {path.absolute(): os.path.realpath(path) for path in texts}
-        own = _Group([model], places, {os.path.realpath(path): text for path, text in texts.items()})
+        own = _Group([model], {}, {})
+        own.read(model)
         for other in [group for group in groups if not group.texts.keys().isdisjoint(own.texts)]:
             groups.remove(other)
             own = _Group([*other.models, *own.models], other.places | own.places, other.texts | own.texts)
@@ -280,6 +291,11 @@ def _real_edits(fix: Fix) -> tuple[TextEdit, ...]:
 def _places(group: _Group, fixes: Sequence[tuple[str, Fix]]) -> dict[Path, str]:
     """Returns the real path of each XML file and of each file that fixes create, by its absolute path."""
     return group.places | {Path(e.file).absolute(): os.path.realpath(e.file) for _, fix in fixes for e in fix.edits}
+
+
+def _xml_files(fixes: Sequence[tuple[str, Fix]]) -> list[str]:
+    """Returns the XML files that only the fixed models read."""
+    return [file for _, fix in fixes for file in fix.files if Path(file).suffix in XML]
 
 
 def _with_edits(texts: Mapping[str, bytes], groups: Sequence[tuple[TextEdit, ...]]) -> dict[str, bytes]:

@@ -37,6 +37,21 @@ def test_an_absolute_path_is_fixed_at_once_although_the_model_loads_only_after_a
     assert 'range="-1 1"' in text
 
 
+@pytest.mark.parametrize("element", ['<include file="{}.xml"/>', '<asset><model name="m" file="{}.xml"/></asset>'])
+def test_a_file_that_is_read_only_after_a_fix_is_fixed_like_the_others(element: str) -> None:
+    attach = "" if "include" in element else '<attach model="m" body="b" prefix="l_"/>'
+    mesh = '<asset><mesh name="m" file="m.obj"/></asset>'
+    write("m.obj", MESH)
+    part = write("part.xml", hinged(SWAPPED, 'type="mesh" mesh="m"', before=mesh))
+    model = write("model.xml", mjcf(attach, before=element.format("Part")))
+    before = Path(part).read_text()
+    assert len(fixing(model, dry_run=True).files) == 2
+    assert Path(part).read_text() == before
+    assert fix(model) == {model: {"MJ107": 1}, part: {"MJ302": 1}}
+    assert Path(part).read_text() == before.replace(SWAPPED, RIGHT)
+    assert mujoco.MjModel.from_xml_path(model).jnt_limited[0]
+
+
 def test_only_the_words_at_fault_change_in_a_file_of_any_form() -> None:
     text = f"\ufeff<?xml version='1.0'?>\r\n<!-- \u00e9 -->\r\n{hinged(SWAPPED)}\r\n<!-- {SWAPPED} -->"
     Path("model.xml").write_bytes(text.encode())
