@@ -21,7 +21,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mjrun.platform.posix import PROMISE, SIGNALS
+from mjrun.platform.posix import PROMISE, SIGNALS, remove_folder
 from mjrun.shared_status import ConfinementPromise, ProcessActivityMemory, ProcessStatus, record_status_in
 
 if TYPE_CHECKING:
@@ -199,11 +199,9 @@ class _Monitor:
 
     def _remove_temporary(self, promise: ConfinementPromise) -> None:
         """Removes the temporary folder, if it is still the one that was created."""
-        import shutil
-
-        with suppress(OSError, RecursionError):
+        with suppress(OSError):
             if self._temporary and os.path.samestat(self._temporary, os.lstat(promise.temporary)):
-                shutil.rmtree(promise.temporary, ignore_errors=True)
+                remove_folder(Path(promise.temporary))
 
     def _explain(self, code: int, status: ProcessStatus) -> "FailureReport":
         """Explains why a child with this exit code was killed."""

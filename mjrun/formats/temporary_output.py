@@ -15,7 +15,6 @@ import ctypes
 import errno
 import os
 import re
-import shutil
 import stat
 import tempfile
 import threading
@@ -200,7 +199,7 @@ def remove(path: Path) -> None:
     """Removes a file or a folder, as far as possible."""
     with suppress(OSError):
         if stat.S_ISDIR(path.lstat().st_mode):
-            shutil.rmtree(path, ignore_errors=True)
+            system.remove_folder(path)
         else:
             path.unlink()
 

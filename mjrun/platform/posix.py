@@ -19,6 +19,7 @@ PASSES_DESCRIPTORS = True  # to the processes that it starts
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # that end a process
 PROMISE = signal.SIGUSR1  # by which a process calls for the one that reads its promise
 READ_FLAGS = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC  # to open a file that may turn out to be a pipe
+FOLDER_FLAGS = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
 LAST_SECONDS = 5  # of computing, from the signal of the soft limit to the hard one
 STATUS = Path("/proc/self/statm")
 BOOT = Path("/proc/sys/kernel/random/boot_id")
@@ -168,6 +169,44 @@ def hard_link(existing: Path, new: Path) -> None:
       OSError: the file system has no links.
     """
     os.link(existing, new, follow_symlinks=False)
+
+
+def remove_folder(path: Path) -> None:
+    """Removes a folder with everything in it, as far as possible, and without following links.
+
+    Folders in it are moved up before they are emptied, so that any depth needs only two descriptors.
+
+    Raises:
+      OSError: it cannot be opened, or something in it cannot be removed.
+    """
+    top = os.open(path, FOLDER_FLAGS)
+    try:
+        waiting = _without_files(top)
+        while waiting:
+            name = waiting.pop()
+            with suppress(OSError):
+                folder = os.open(name, FOLDER_FLAGS, dir_fd=top)
+                try:
+                    for inner in _without_files(folder):
+                        waiting.append(os.urandom(8).hex())
+                        os.rename(inner, waiting[-1], src_dir_fd=folder, dst_dir_fd=top)
+                finally:
+                    os.close(folder)
+                os.rmdir(name, dir_fd=top)
+    finally:
+        os.close(top)
+    path.rmdir()
+
+
+def _without_files(folder: int) -> list[str]:
+    """Removes the files of an open folder, and returns the names of the folders in it."""
+    with os.scandir(folder) as entries:
+        found = [(entry.name, entry.is_dir(follow_symlinks=False)) for entry in entries]
+    for name, is_folder in found:
+        if not is_folder:
+            with suppress(OSError):
+                os.unlink(name, dir_fd=folder)
+    return [name for name, is_folder in found if is_folder]
 
 
 def effective_user() -> int:

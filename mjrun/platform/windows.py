@@ -7,6 +7,7 @@ renamed there, so outputs are written without locks: a killed process leaves its
 import ctypes
 import errno
 import os
+import shutil
 import signal
 import subprocess
 import threading
@@ -128,6 +129,11 @@ def hard_link(existing: Path, new: Path) -> None:
     if link is None or existing.is_symlink():
         raise _unsupported("a file has no second name")
     link(existing, new)
+
+
+def remove_folder(path: Path) -> None:
+    """Removes a folder with everything in it, as far as possible."""
+    shutil.rmtree(path, ignore_errors=True)
 
 
 def effective_user() -> int:

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import threading
+from pathlib import Path
 
 import pytest
 
@@ -42,6 +43,22 @@ def test_a_descriptor_shows_whether_it_is_read_only() -> None:
     assert not os.get_inheritable(copy)
     for descriptor in (reading, writing, copy):
         os.close(descriptor)
+
+
+def test_a_folder_of_any_depth_is_removed_and_links_in_it_are_not_followed(tmp_path: Path) -> None:
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other/file").touch()
+    (tmp_path / "deep").mkdir()
+    folder = os.open(tmp_path / "deep", os.O_RDONLY)
+    for _ in range(2000):
+        os.symlink(tmp_path / "other", "link", dir_fd=folder)
+        os.mkdir("inner", dir_fd=folder)
+        inner = os.open("inner", os.O_RDONLY, dir_fd=folder)
+        os.close(folder)
+        folder = inner
+    os.close(folder)
+    posix.remove_folder(tmp_path / "deep")
+    assert [path.name for path in tmp_path.rglob("*")] == ["other", "file"]
 
 
 def test_a_hangup_ends_the_wait_for_it() -> None:
