@@ -354,7 +354,8 @@ class OpenPass(Generic[R]):
                     self.results.append(result)
                     versions = {path: file_version(str(path)) for path in made}
                     published.append(PublishedOutput(facts, result, files, finished.units, versions))
-                    for part in (part for writer in finished.writers for part in writer.together):
+                    writers = [*finished.writers, *([manifest] if manifest else [])]
+                    for part in (part for writer in writers for part in writer.together):
                         self._made.append(str(part.destination.shown))
                         if part.destination.remark:
                             self._plan.context.reporter.warn(part.destination.remark)

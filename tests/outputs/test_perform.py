@@ -238,6 +238,7 @@ def test_a_camera_that_meets_its_target_does_not_cost_the_other_outputs(meeting:
     assert [result.path for result in error.results] == [f"{tmp_path}/t.csv", f"{tmp_path}/i.png"]
     assert [(f["output"], f["kind"], f["exit_code"]) for f in error.failures] == [(bad.output, "UsageError", 2)]
     assert f"{bad.output} could not be made: " in str(error)
+    assert error.made == [f"{tmp_path}/{name}" for name in ("t.csv", "t.json", "i.png", "i.json")]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["i.json", "i.png", "meeting.xml", "t.csv", "t.json"]
     assert manifest_of(tmp_path / "t.json")["outputs"][0]["sha256"] == sha256(tmp_path / "t.csv")
 
