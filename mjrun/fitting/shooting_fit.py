@@ -40,6 +40,7 @@ from mjrun.fitting.starting_states import WINDOW, StateGuesses, simulated_starts
 from mjrun.model.override import Override
 
 SHORTEST = 24  # rows of the shortest stretches
+FEWER = (6, 12)  # rows of shorter openings, solved one after the other
 GROWTH = 2
 FEW = 4 * SHORTEST  # rows of openings below which parameters are constant
 FINE = 1e-4  # reduced χ² below which derivatives have found the motion exactly
@@ -447,9 +448,21 @@ class ShootingFit:
     def _approached(
         self, openings: Sequence[Chunk], coordinates: Floats | None, states: Floats, noise: Floats
     ) -> Simulating[Floats]:
-        """Returns states that fit the first rows of chunks, `(chunks, nstate)`, with constant parameters."""
-        search = GaussNewton(self._problem(openings, coordinates, states, noise, fixed=True))
-        return (yield from search.approach()).states
+        """Returns states that fit the first rows of chunks, `(chunks, nstate)`, with constant parameters.
+
+        In fast motion, a search from states that are far off may stop there; then fewer rows show where to begin.
+        """
+
+        def approached(parts: Sequence[Chunk], states: Floats) -> Simulating[Solution]:
+            return GaussNewton(self._problem(parts, coordinates, states, noise, fixed=True)).approach()
+
+        end = yield from approached(openings, states)
+        if end.reduced < EXPLAINED:
+            return end.states
+        for rows in FEWER:
+            states = (yield from approached([_opening(part, rows) for part in openings], states)).states
+        other = yield from approached(openings, states)
+        return min([end, other], key=lambda each: each.cost).states
 
     def _problem(
         self,

@@ -1,6 +1,7 @@
 """Shooting finds what a bare loop was simulated with."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -260,3 +261,28 @@ def test_a_stage_ends_where_the_model_explains_the_log() -> None:
     stage, last = together(predictor_of(shoot), [GaussNewton(problem).approach(), GaussNewton(problem).minimize()])
     assert last.cost < stage.cost
     assert last.reduced < stage.reduced <= EXPLAINED
+
+
+@pytest.mark.parametrize("seed", [4, 9, 12])
+def test_the_states_of_the_true_model_are_found_in_fast_motion(tmp_path: Path, seed: int) -> None:
+    """Random torques turn a double pendulum by half a revolution within a few rows, which are no parabolas."""
+    path = tmp_path / "pendulum.xml"
+    path.write_text("""<mujoco><option timestep=".002"/><worldbody><body>
+        <joint name="a" axis="0 1 0" damping=".02"/><geom type="capsule" fromto="0 0 0 0 0 -.3" size=".02" mass=".5"/>
+        <body pos="0 0 -.3"><joint name="b" axis="0 1 0" damping=".02"/>
+        <geom type="capsule" fromto="0 0 0 0 0 -.3" size=".02" mass=".3"/></body></body></worldbody>
+        <actuator><motor name="a" joint="a" gear="16"/></actuator></mujoco>""")
+    model, generator, noise, every = mujoco.MjModel.from_xml_path(str(path)), np.random.default_rng(seed), 1e-3, 10
+    data, times, angles, controls = mujoco.MjData(model), list[float](), list[np.ndarray](), list[np.ndarray]()
+    for _ in range(60):
+        data.ctrl[:] = generator.normal()
+        times.append(data.time)
+        angles.append(data.qpos + generator.normal(0, noise, 2))
+        controls.append(data.ctrl.copy())
+        mujoco.mj_step(model, data, every)
+
+    log = LogSegment("log", np.array(times), np.array(angles), np.array(controls))
+    log = replace(log, **{name: getattr(log, name)[20:] for name in ("times", "values", "controls")})
+    free = [("joint/b.damping", "0.001..1")]
+    shoot, *_ = shooting_of(path, free, ["qpos/a", "qpos/b"], ["ctrl/a"], log)
+    assert shoot.follow(shoot.cut([log]), None, np.full(2, noise)).reduced < EXPLAINED
