@@ -37,6 +37,7 @@ from mjrun.suffixes import XML
 MAX_ROUNDS = 50
 ROUNDING = 1e-9  # absolute and relative, of numbers that a fix writes in another way, with ten digits
 RUN_AGAIN = "run the command again"
+UNDONE = "fixes undo each other, as where models that share a file need it in different ways"
 OUTSIDE = f"it is outside the folders of the models; give a folder that contains both, with {option('fix')}"
 IN_COLLECTION = f"it belongs to a collection of models; copy its folder, and give that, with {option('fix')}"
 
@@ -171,6 +172,7 @@ class ModelFixer:
         texts, fixes, checked = dict(group.texts), list[tuple[str, Fix]](), [FixResult(result) for result in results]
         with ExitStack() as stack:
             mirror, original = stack.enter_context(_Mirror(group)), None
+            seen = [texts]
             for _ in range(MAX_ROUNDS):
                 proposed = dict(self._proposed(checked, codes))
                 chosen = list(disjoint(proposed))
@@ -182,6 +184,9 @@ class ModelFixer:
                 for file in _xml_files(fixes):
                     group.read(file)
                 texts = group.texts | new
+                if texts in seen:
+                    return _Attempt(texts, fixes, [], UNDONE)
+                seen.append(texts)
                 mirror.write(texts, fixes)
                 checked = self._check([*mirror.copies(original)])
                 if original is None and all(each.result.loads and each.changes is None for each in checked):

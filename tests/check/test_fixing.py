@@ -11,6 +11,7 @@ import mujoco
 import pytest
 
 from mjrun.check.check import ModelCheck, _with_reason
+from mjrun.check.fixing import UNDONE
 from mjrun.check.rule import NOT_CERTAIN, FixedModelCopy, FixResult
 from mjrun.check.worker_pool import CheckProcessOutput, CheckProcessPool, CheckRequest
 from mjrun.child_process import ExitStatus
@@ -50,6 +51,18 @@ def test_a_file_that_is_read_only_after_a_fix_is_fixed_like_the_others(element: 
     assert fix(model) == {model: {"MJ107": 1}, part: {"MJ302": 1}}
     assert Path(part).read_text() == before.replace(SWAPPED, RIGHT)
     assert mujoco.MjModel.from_xml_path(model).jnt_limited[0]
+
+
+def test_a_fix_that_another_model_would_undo_is_not_made() -> None:
+    joint = '<joint name="j" range="-1.57 1.57"/>'
+    part = write("part.xml", f'<mujoco><worldbody><body name="b">{joint}<geom size=".1"/></body></worldbody></mujoco>')
+    text, include = Path(part).read_text(), f'<include file="{part}"/>'
+    texts = {unit: mjcf(before=f'<compiler angle="{unit}"/>{include}') for unit in ("degree", "radian")}
+    models = [write(f"{unit}.xml", each) for unit, each in texts.items()]
+    made = fixing(*models, unsafe=True)
+    problems = [f.message for f in made.results[0].findings if f.code == "MJ007"]  # type: ignore[attr-defined]
+    assert problems == [f"MJ305 is not fixed: {UNDONE}"]
+    assert Path(part).read_text() == text
 
 
 def test_only_the_words_at_fault_change_in_a_file_of_any_form() -> None:
