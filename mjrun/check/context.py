@@ -16,7 +16,7 @@ from mjrun.model.names import COUNTS, KINDS, names
 from mjrun.model.override import ELEMENTS
 from mjrun.model.sources import source_of
 from mjrun.model.text_edits import ElementEditor
-from mjrun.model.xml_source import Element, XmlSource, attach_path, with_slashes
+from mjrun.model.xml_source import Element, XmlSource, with_slashes, xml_paths
 from mjrun.suffixes import XML
 
 DEFAULTS = Thresholds()
@@ -248,7 +248,7 @@ class CheckContext:
             if element.tag == "attach":
                 wanted = element.attributes.get("model", "")
                 named = [model for model in models if model.attributes.get("name", wanted) == wanted]
-                files = {attach_path(model, self.source.path) for model in named}
+                files = {path for model in named for path in xml_paths(model, self.source.path)}
                 attaches.append(AttachedModel(element, element.attributes.get("prefix", ""), files))
         return attaches
 

@@ -176,15 +176,10 @@ def is_regular(path: Path) -> bool:
         return False
 
 
-def include_paths(element: Element, path: Path) -> list[Path]:
-    """Returns the paths at which MuJoCo looks for the file of an `<include>` in the model `path`."""
+def xml_paths(element: Element, path: Path) -> list[Path]:
+    """Returns the paths at which MuJoCo looks for the file of an `<include>` or `<model>` in the model `path`."""
     name = with_slashes(element.attributes.get("file", ""))
     return list(dict.fromkeys([path.parent / name, element.file.parent / name]))
-
-
-def attach_path(element: Element, path: Path) -> Path:
-    """Returns the path at which MuJoCo looks for the file of a `<model>` in the model `path`."""
-    return path.parent / with_slashes(element.attributes.get("file", ""))
 
 
 def with_slashes(name: str) -> str:
@@ -198,7 +193,7 @@ def _follow(source: XmlSource, root: Element) -> None:
     waiting = [(element, 0) for element in root.walk() if element.tag == "include"]
     while waiting:
         include, depth = waiting.pop()
-        path = next(filter(is_regular, include_paths(include, source.path)), None)
+        path = next(filter(is_regular, xml_paths(include, source.path)), None)
         if path is None or include.parent is None or path.resolve() in seen:
             continue
         if depth > MAX_DEPTH or len(seen) > MAX_FILES:
@@ -235,7 +230,8 @@ def _attach(source: XmlSource) -> None:
 
 def attached_files(elements: Iterator[Element], path: Path) -> list[Path]:
     """Returns the files that `<model>` elements of the model `path` refer to; missing ones are omitted."""
-    return [*filter(is_regular, (attach_path(element, path) for element in elements if element.tag == "model"))]
+    candidates = (xml_paths(element, path) for element in elements if element.tag == "model")
+    return [file for paths in candidates if (file := next(filter(is_regular, paths), None))]
 
 
 def _parsed(source: XmlSource, path: Path, encoding: str | None = None) -> Element | None:

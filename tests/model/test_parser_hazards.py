@@ -54,6 +54,14 @@ def test_models_that_attach_each_other_in_a_circle_are_refused(
         load(store(tmp_path, **texts))
 
 
+def test_a_circle_of_a_model_beside_an_included_file_is_refused(tmp_path: Path) -> None:
+    path = write(tmp_path, a=including("parts/b.xml"))
+    (tmp_path / "parts").mkdir()
+    write(tmp_path / "parts", b=attaching("c.xml"), c=attaching("c.xml"))
+    with pytest.raises(BrokenModelError, match=r"c\.xml:2: attaches '.*', which is or attaches this model again"):
+        load(path)
+
+
 def test_a_circle_through_a_link_to_its_own_folder_is_refused(tmp_path: Path) -> None:
     (tmp_path / "loop").symlink_to(tmp_path)
     with pytest.raises(BrokenModelError, match="which is or attaches this model again"):

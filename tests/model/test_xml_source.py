@@ -36,6 +36,16 @@ def test_an_attached_file_is_the_one_that_mujoco_finds_beside_the_model() -> Non
     assert [root.file for root in read_xml(Path("sub/a.xml")).attached] == [Path("sub/arm.xml")]
 
 
+def test_an_attached_file_may_be_beside_the_included_file_that_names_it() -> None:
+    Path("sub").mkdir()
+    Path("sub/arm.xml").write_text('<mujoco><worldbody><body name="arm"/></worldbody></mujoco>')
+    Path("sub/b.xml").write_text('<mujoco><asset><model name="m" file="arm.xml"/></asset></mujoco>')
+    attach = '<worldbody><attach model="m" body="arm" prefix="l_"/></worldbody>'
+    Path("a.xml").write_text(f'<mujoco><include file="sub/b.xml"/>{attach}</mujoco>')
+    assert mujoco.MjModel.from_xml_path("a.xml").nbody == 2
+    assert [root.file for root in read_xml(Path("a.xml")).attached] == [Path("sub/arm.xml")]
+
+
 def test_elements_know_what_they_stand_in() -> None:
     outer = Element("default", {}, Path("a.xml"), 1)
     inner = Element("geom", {}, Path("a.xml"), 2, Element("default", {}, Path("a.xml"), 1, outer))

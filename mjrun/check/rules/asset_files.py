@@ -119,10 +119,8 @@ def _paths(element: xml_source.Element, name: str, source: xml_source.XmlSource,
     home = source.path.parent
     if ROS_PACKAGE in name and folders.get("strippath") != "true":
         return [Path(name)]
-    if element.tag == "include":
-        return xml_source.include_paths(element, source.path)
-    if element.tag == "model":
-        return [xml_source.attach_path(element, source.path)]
+    if element.tag in ("include", "model"):
+        return xml_source.xml_paths(element, source.path)
     name = xml_source.with_slashes(name)
     if folders.get("strippath") == "true":
         name = os.path.basename(name)  # noqa: PTH119, a name that may end in a slash

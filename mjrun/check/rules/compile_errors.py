@@ -16,7 +16,7 @@ from mjrun.check.rules.mjcf_schema import BAD_VALUE, REMOVED
 from mjrun.errors import BrokenModelError, ModelError, clean, listing, near, option, quoted, spelled, suggestion
 from mjrun.model.sources import load
 from mjrun.model.text_edits import ElementEditor
-from mjrun.model.xml_source import Element, XmlSource, attach_path, attached_files, read_xml
+from mjrun.model.xml_source import Element, XmlSource, attached_files, read_xml, xml_paths
 
 COMPILE_ERROR = Rule("MJ100", "error", "model that does not load")
 NOT_WELL_FORMED = Rule("MJ101", "error", "not well-formed XML")
@@ -406,7 +406,7 @@ def _candidates(error: CompileFailure, element: Element | None, kind: str) -> li
         return list(error.source.elements())
     models = [e for e in error.source.elements() if e.tag == "model"]
     attached = (e for e in models if e.attributes.get("name") == element.attributes.get("model"))
-    paths = [attach_path(model, error.source.path) for model in attached]
+    paths = [path for model in attached for path in xml_paths(model, error.source.path)]
     return [e for root in error.source.attached if root.file in paths for e in root.walk()]
 
 

@@ -309,9 +309,7 @@ def _attached(main: str, text: bytes) -> Iterator[_Tag]:
             if tag.tag == "model":
                 yield tag
             elif tag.tag == "include":
-                name = with_slashes(tag.attributes["file"])
-                folders = (os.path.dirname(base) for base in (main, tag.file))  # noqa: PTH120
-                place = first_existing(os.path.join(folder, name) for folder in folders)  # noqa: PTH118
+                place = _file_of(tag, main)
                 if place is None or os.path.realpath(place) in included:  # MuJoCo reports the circle
                     continue
                 if depth >= MOST_INCLUDES:
@@ -387,10 +385,15 @@ def _tags(path: str, content: bytes) -> list[_Tag]:
     return tags
 
 
+def _file_of(tag: _Tag, model: str) -> str | None:
+    """Returns the file of an `<include>` or `<model>`, beside the model or beside the file with the element."""
+    folders = (os.path.dirname(base) for base in (model, tag.file))  # noqa: PTH120
+    return first_existing(os.path.join(folder, with_slashes(tag.attributes["file"])) for folder in folders)  # noqa: PTH118
+
+
 def _attached_file(tag: _Tag, model: str) -> str | None:
     """Returns the file of a `<model>` element, and the main member of an archive; None if it does not exist."""
-    name = with_slashes(tag.attributes["file"])
-    place = first_existing([os.path.join(os.path.dirname(model), name)])  # noqa: PTH118, PTH120
+    place = _file_of(tag, model)
     if place and place.endswith(ARCHIVES):
         return main_mjcf(Path(place))
     return place
