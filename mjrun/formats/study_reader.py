@@ -273,10 +273,11 @@ def point_values(folder: Path) -> Mapping[str, str]:
 
 def values_in_words(values: Mapping[str, str], units: Mapping[str, str] = NO_UNITS, digits: int = 4) -> list[str]:
     """Returns `timestep 0.01 s`, `floor.friction[0] 0.5`: each value after the shortest unique end of its name, with
-    its unit if that is known.
+    its unit if that is known. Other texts than numbers, such as `30deg`, hold their unit.
     """
     names = list(values)
-    return [f"{_short(name, names)} {_rounded(values[name], digits)} {units.get(name, '')}".rstrip() for name in names]
+    written = {name: _with_unit(text, units.get(name, ""), digits) for name, text in values.items()}
+    return [f"{_short(name, names)} {text}" for name, text in written.items()]
 
 
 def point_names(points: Sequence[Mapping[str, str]], units: Mapping[str, str] = NO_UNITS) -> list[str]:
@@ -302,8 +303,8 @@ def _short(name: str, names: Sequence[str]) -> str:
     return name
 
 
-def _rounded(text: str, digits: int) -> str:
+def _with_unit(text: str, unit: str, digits: int) -> str:
     try:
-        return f"{float(text):.{digits}g}"
+        return f"{float(text):.{digits}g} {unit}".rstrip()
     except ValueError:
         return Path(text).stem if text.endswith(MODELS) else text

@@ -80,6 +80,8 @@ def test_values_have_the_shortest_names_that_tell_them_apart() -> None:
     assert values_in_words({"model": "models/car.xml", "seed": "3"}) == ["model car", "seed 3"]
     assert values_in_words({"model": "models/arm.urdf", "ctrl_from": "a/b.csv"}) == ["model arm", "ctrl_from a/b.csv"]
     assert values_in_words({"qpos/hip": "1", "qvel/hip": "2"}) == ["qpos/hip 1", "qvel/hip 2"]
+    units = {"qpos/hip": "rad", "qpos/knee": "rad"}
+    assert values_in_words({"qpos/hip": "30deg", "qpos/knee": "1"}, units) == ["hip 30deg", "knee 1 rad"]
 
 
 def test_points_are_named_by_the_values_that_differ_with_as_many_digits_as_that_takes() -> None:
