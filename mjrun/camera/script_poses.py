@@ -84,22 +84,37 @@ class BoundCameraScript:
             for pose, view in zip(self._blended(views, spans), views, strict=True):
                 yield self._shaken(pose, view)
 
-    def aim_at_motion(self, states: Iterable[np.ndarray], times: Sequence[float], spans: Sequence[Span]) -> list[str]:
+    def aim_at_motion(
+        self,
+        states: Iterable[np.ndarray],
+        times: Sequence[float],
+        spans: Sequence[Span],
+        ghosts: Sequence[tuple[Sequence[np.ndarray] | None, np.ndarray]] = (),
+    ) -> list[str]:
         """Moves the cameras that show the whole motion, before `poses`; returns remarks about those that move.
 
         Args:
           states, times, spans: as in `poses`.
+          ghosts: the states of each ghost, the last of which remains, or None if it moves with the model; and its
+            displacement [m].
         """
         collections = {
             i: outermost for i, shot in enumerate(self._shots) if (outermost := shot.outermost_points(self._size))
         }
         if not collections:
             return []
-        for state, time in zip(states, times, strict=True):
+        for index, (state, time) in enumerate(zip(states, times, strict=True)):
+            seen = [collections[i] for i in collections.keys() & set(_visible(self._weights(time, spans)))]
             restore(self._model, self._data, state)
             compute_positions(self._model, self._data)
-            for i in collections.keys() & set(_visible(self._weights(time, spans))):
-                collections[i].add(self._data)
+            for outermost in seen:
+                outermost.add(self._data)
+            for motion, offset in ghosts:
+                posed = state if motion is None else motion[min(index, len(motion) - 1)]
+                restore(self._model, self._data, posed)
+                compute_positions(self._model, self._data)
+                for outermost in seen:
+                    outermost.add_ghost(self._data, offset)
         remarks = [self._shots[i].aim_at_motion(outermost) for i, outermost in collections.items()]
         return [f"{text}; {option('camera')} free stays where MuJoCo puts it" for text in remarks if text]
 

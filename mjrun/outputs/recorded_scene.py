@@ -31,7 +31,7 @@ from mjrun.outputs.decorations.ghost import ghost_files
 from mjrun.outputs.event_detection import conditions, time_of
 from mjrun.outputs.output import OutputRequest, OutputResult, PassContext, R_co
 from mjrun.physics.simulation_loop import StateBuffer, Tap
-from mjrun.rendering.added_geoms import Decoration
+from mjrun.rendering.added_geoms import Decoration, Ghost
 from mjrun.rendering.drawn_model import drawn_model, ground_remark, place_stage, visual_remark
 from mjrun.rendering.visual import visual_of
 from mjrun.simulation.simulation import Simulation
@@ -355,21 +355,22 @@ def place_scene(plan: ScenePlan, schedule: FrameSchedule, states: SceneStates) -
         steps, moments, speeds = schedule.steps[:count], schedule.times[:count], schedule.speeds[:count]
         schedule = replace(schedule, steps=steps, times=moments, speeds=speeds)
     times = array("d", (float(context.timeline.time(step)) for step in schedule.steps))
+    decorations = list[Decoration]()
+    for decoration, buffer in zip(plan.decorations, states.decorations, strict=True):
+        decorations += decoration.drawn(iter(buffer), times)
+    ghosts = [(each.states, each.offset) for each in decorations if isinstance(each, Ghost)]
     if model is not context.model:
-        place_stage(model, iter(frames))
+        place_stage(model, iter(frames), ghosts)
     if plan.is_bare and (remark := ground_remark(model, frames[0])):
         context.reporter.note(remark)
 
     for motion, spans in zip(plan.motions, schedule.spans, strict=True):
-        for text in motion.aim_at_motion(iter(frames), times, spans):
+        for text in motion.aim_at_motion(iter(frames), times, spans, ghosts):
             context.reporter.note(text)
     poses = CameraPoseArray(  # computed now, one camera after the other
         motion.poses(iter(frames), times, schedule.times, spans)
         for motion, spans in zip(plan.motions, schedule.spans, strict=True)
     )
-    decorations = list[Decoration]()
-    for decoration, buffer in zip(plan.decorations, states.decorations, strict=True):
-        decorations += decoration.drawn(iter(buffer), times)
     return RecordedScene(model, frames, schedule, times, poses, decorations)
 
 

@@ -169,7 +169,7 @@ class Ghost(Decoration):
     ) -> None:
         self.model, self.states, self.opacity = model, states, opacity
         self.visual = visual or Visual()
-        self._offset = np.array(offset)
+        self.offset = np.array(offset)
         self._data: mujoco.MjData | None = None
         self._options: mujoco.MjvOption | None = None
 
@@ -189,7 +189,7 @@ class Ghost(Decoration):
         else:
             self._pose(scene, self.states[min(index, len(self.states) - 1)])
         for geom in scene.geoms[first : scene.ngeom]:
-            geom.pos = geom.pos + self._offset
+            geom.pos = geom.pos + self.offset
             geom.rgba = [*((geom.rgba[:3] + TINT) / 2), geom.rgba[3] * self.opacity]
             geom.matid = geom.texid = -1
             geom.reflectance = 0

@@ -110,11 +110,16 @@ def stage_parts(
     return [part for part, is_lacking in lacks.items() if is_lacking]
 
 
-def place_stage(model: mujoco.MjModel, states: Iterable[np.ndarray]) -> None:
-    """Adapts a stage to the size of the model, and places its floor under the lowest point of the model.
+def place_stage(
+    model: mujoco.MjModel,
+    states: Iterable[np.ndarray],
+    ghosts: Iterable[tuple[Sequence[np.ndarray] | None, np.ndarray]] = (),
+) -> None:
+    """Adapts a stage to the size of the model, and places its floor under the lowest point of the model and its ghosts.
 
     Args:
       states: the states that are drawn. Free bodies, which may fall without end, count only in the first.
+      ghosts: the states of each ghost, None if it moves with the model, and its displacement [m].
     """
     material = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_MATERIAL, FLOOR)
     floor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, FLOOR)
@@ -126,7 +131,10 @@ def place_stage(model: mujoco.MjModel, states: Iterable[np.ndarray]) -> None:
         model.light_poscom0[light] = -AWAY * model.stat.extent * model.light_dir0[light]
         model.vis.map.shadowclip = AWAY
     if floor >= 0:
-        model.body_pos[model.geom_bodyid[floor], 2] += _height_above(model, floor, states)
+        heights = [own := _height_above(model, floor, states)]
+        for motion, offset in ghosts:
+            heights.append(offset[2] + (own if motion is None else _height_above(model, floor, motion)))
+        model.body_pos[model.geom_bodyid[floor], 2] += min(heights)
 
 
 def _height_above(model: mujoco.MjModel, floor: int, states: Iterable[np.ndarray]) -> float:

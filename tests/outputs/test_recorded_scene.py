@@ -1,5 +1,6 @@
 """Theorems about the scenes of outputs at the instants of their frames."""
 
+import math
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 
 import mjrun
+from mjrun.camera.pose import contains
 from mjrun.errors import MjrunError
 from mjrun.options.rendering import SceneOptions
 from mjrun.outputs.export import Export
@@ -57,6 +59,18 @@ def test_frames_that_were_not_recorded_are_dropped(swing: Path) -> None:
         frames = recorded(swing, stack, 120)
         assert [*frames.schedule.steps] == [0, 50, 100]
         assert len(frames.poses) == len(frames.times) == len(frames.schedule.speeds) == 3
+
+
+def test_the_floor_is_below_ghosts_and_the_default_camera_sees_them(tmp_path: Path) -> None:
+    rod = '<body><joint axis="0 1 0"/><geom type="capsule" size=".02" fromto="0 0 0 0 0 -.5"/></body>'
+    keys = '<keyframe><key qpos="1.5"/></keyframe>'
+    (tmp_path / "m.xml").write_text(f"<mujoco><worldbody>{rod}</worldbody>{keys}</mujoco>")
+    with ExitStack() as stack:
+        scene = recorded(tmp_path / "m.xml", stack, 250, camera="auto", ghost=["key=0,offset=1/0/0", "offset=0/0/-1"])
+        assert scene.model.body("stage floor").pos[2] == pytest.approx(-1.52)
+        (pose,) = scene.poses[0]
+        for point in ((1, 0, 0), (1 - 0.5 * math.sin(1.5), 0, -0.5 * math.cos(1.5)), (0, 0, -1.5)):
+            assert contains(pose, np.array([point]), (1280, 720))
 
 
 def test_a_floor_is_suggested_at_the_height_where_a_falling_model_begins(

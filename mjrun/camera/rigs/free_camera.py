@@ -235,7 +235,7 @@ class BoundAutoRig:
             self._pose = still
             return "" if self._is_framed else "the camera is moved so that the whole motion is in view"
         self._pose, self._followed = outermost.following(), outermost.start
-        return "the camera follows the model, which moves far away"
+        return "the camera follows the model, since the whole motion is too large for one view"
 
 
 class OutermostPoints:
@@ -269,16 +269,24 @@ class OutermostPoints:
         self._still = np.full((len(self._directions), 3), np.nan)
         self._following = self._still.copy()
         self.start: np.ndarray | None = None
+        self._moved = np.zeros(3)  # the displacement of the centre of mass at the last instant
 
     def add(self, data: mujoco.MjData) -> None:
         """Adds an instant, whose positions `data` holds."""
         center = self._parts.center(data)
         if self.start is None:
             self.start = center
+        self._moved = center - self.start
         shown = self._outermost(self._shown.points(data))
         moving = shown if self._parts is self._shown else self._outermost(self._parts.points(data))
         self._still = self._farther(self._still, shown)
-        self._following = self._farther(self._following, moving - (center - self.start))
+        self._following = self._farther(self._following, moving - self._moved)
+
+    def add_ghost(self, data: mujoco.MjData, offset: np.ndarray) -> None:
+        """Adds the parts that can move, displaced, at the instant that was added last."""
+        points = self._outermost(self._parts.points(data) + offset)
+        self._still = self._farther(self._still, points)
+        self._following = self._farther(self._following, points - self._moved)
 
     def fits(self) -> bool:
         """Returns whether MuJoCo's free camera sees everything."""

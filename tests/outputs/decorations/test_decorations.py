@@ -57,7 +57,8 @@ def test_segmentation_and_depth_do_not_see_what_is_added(swing: Path, tmp_path: 
     for view in ("seg", "depth"):
         found = []
         for added in ({}, {"trail": ["ball"], "ghost": ["offset=0/0/.5"]}):
-            Image(Simulation(swing), f"{tmp_path}/x.npy", view=view, time=0.2, size=SIZE, **added).run()  # type: ignore[arg-type]
+            options = {"view": view, "camera": "free", "time": 0.2, "size": SIZE, **added}
+            Image(Simulation(swing), f"{tmp_path}/x.npy", **options).run()  # type: ignore[arg-type]
             found.append(np.load(tmp_path / "x.npy"))
         assert np.array_equal(*found)
 
