@@ -400,18 +400,17 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
                 facts = self._facts(layout, episodes)
                 writers.append(stack.enter_context(manifest_writer(Path(self.output) / MANIFEST, facts)))
                 publish_together(writers)
-            written = {each["key"] for each in episodes}
-            for index, key in enumerate(prepared.keys):
-                if key in written:  # another process may be about to publish others
-                    shutil.rmtree(self._own / FOLDER / f"{index:06}", ignore_errors=True)
-            with suppress(OSError):
-                (self._own / FOLDER).rmdir()
+        written = {each["key"] for each in episodes}
+        for index, key in enumerate(prepared.keys):  # also what a process left that was killed here
+            if key in written:  # another process may be about to publish others
+                shutil.rmtree(self._own / FOLDER / f"{index:06}", ignore_errors=True)
+        with suppress(OSError):
+            (self._own / FOLDER).rmdir()
         failures = {
             self._name(prepared, index): result.message
             for index, result in enumerate(results)
             if result.status not in ("ok", "missing") and prepared.keys[index] not in have
         }
-        written = {each["key"] for each in episodes}
         missing = sum(key not in written for key in prepared.keys) - len(failures)
         returns = [each["return"] for each in episodes]
         result = EpisodeDatasetResult(

@@ -145,6 +145,8 @@ def test_an_interrupted_dataset_continues_to_the_same_bytes_as_do_processes(
     assert made(simulation, tmp_path / "continued").simulated == 2
     assert contents(tmp_path / "continued") == contents(tmp_path / "at once")
     before = contents(tmp_path / "at once")
+    (left := tmp_path / "at once/mjrun/episodes/000001").mkdir(parents=True)  # by a process that was killed at its end
+    (left / "key").touch()
     assert made(simulation, tmp_path / "at once").simulated == 0
     assert contents(tmp_path / "at once") == before
 
