@@ -29,6 +29,7 @@ LINE = 4096  # characters of a line of a message
 
 # Marks around the name of an option in a message. `clean` removes them from untrusted text.
 _OPTION = re.compile("\x02([a-z_]*)\x03")
+_POINTER = re.compile(r"\n  .*\n +\^(?=\n|$)")  # a line of an expression, and a caret below it
 
 ARENA = "narena ="  # part of MuJoCo's message when the memory reserved by the model is too small
 Spelling = Callable[[str], str]
@@ -288,8 +289,8 @@ class UsageError(MjrunError):
         self.path: OptionPath = path or ((first[1],) if first else ())
 
     def one_line(self, path: OptionPath = ()) -> str:
-        """Returns the message in one line, without the leading option if that is the last name in `path`."""
-        message = "; ".join(part for part in self.spelled(str).splitlines() if part)
+        """Returns the message in one line, without a caret, and without the leading option if it ends `path`."""
+        message = "; ".join(part for part in _POINTER.sub("", self.spelled(str)).splitlines() if part)
         names = [part for part in path if isinstance(part, str)]
         message = message.removeprefix(f"{names[-1]}: ") if names else message
         return message.removeprefix(f"{names[-2]} {names[-1]}: ") if len(names) > 1 else message

@@ -75,6 +75,8 @@ class RealKind(Kind[float, float]):
 
     @property
     def expected(self) -> str:
+        if self.above is not None and self.most is not None:
+            return f"a number above {self.above:g} and up to {self.most:g}"
         if self.above is not None:
             low = "a positive number" if self.above == 0 else f"a number above {self.above:g}"
         elif self.least is None:

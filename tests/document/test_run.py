@@ -326,6 +326,18 @@ def test_a_recording_that_is_too_short_is_reported_at_replay(folder: Path) -> No
     assert problem.startswith("3:9: replay: ")
 
 
+def test_an_expression_is_reported_in_one_line_without_a_caret(folder: Path) -> None:
+    Path("m.xml").write_text(HINGED)
+    Path("d.yaml").write_text(BELOW + "until: time\ntraces: [t.csv]")
+    orders = read_run("d.yaml", [], OUT)
+    with pytest.raises(DocumentError) as caught, orders.located():
+        perform(orders.outputs)
+    (problem,) = caught.value.problems
+    assert str(problem) == (
+        "d.yaml:3:8: until: until, character 1: found a number, expected a comparison (< <= > >= == !=)"
+    )
+
+
 def test_what_the_command_line_set_is_reported_of_it(folder: Path) -> None:
     assert found("videos: [{output: f.mp4}]", "videos[0].camera=sde") == ["videos[0].camera=sde: no camera 'sde'"]
 

@@ -134,6 +134,7 @@ def test_python_gives_a_value_and_a_kind_makes_it_immutable(
         (RealKind(), float("inf"), "a number of at least 0"),
         (RealKind(above=0.0), 0, "a positive number"),
         (RealKind(most=1), 2, "a number from 0 to 1"),
+        (RealKind(above=0.0, most=0.5), 1, "a number above 0 and up to 0.5"),
         (RealKind(least=None), "x", "a finite number"),
         (ExactNumberKind(), 0, "a positive number"),
         (ExactNumberKind(), "1e99999", "a positive number"),
