@@ -274,7 +274,8 @@ def _alike(one: str, other: str) -> bool:
 def unequal_sides(context: CheckContext) -> Iterator[Violation]:
     """Yields moving bodies on the left whose mass, colliding geoms or joints are not those on the right, mirrored.
 
-    Limbs with different numbers of bodies, such as a leg and a prosthesis, are meant to differ.
+    Limbs with different numbers of bodies, such as a leg and a prosthesis, are meant to differ. Bodies of one element,
+    in a model that is attached on both sides, are the same.
     """
     model = context.model
     followers = _followers(model)
@@ -282,6 +283,9 @@ def unequal_sides(context: CheckContext) -> Iterator[Violation]:
     for name, body in bodies.items():
         other = bodies.get(other_side(name))
         if other is None or other <= body or followers[body] != followers[other]:
+            continue
+        element = context.element("body", body)
+        if element and element is context.element("body", other):
             continue
         if differences := list(_differences(context, body, other)):
             message = f"it differs from {context.object('body', other)}: {'; '.join(differences)}"

@@ -1,5 +1,7 @@
 """Bodies on the left and on the right: mirrored ones, and ones that differ by a little more than is allowed."""
 
+from pathlib import Path
+
 import pytest
 
 from tests.check.models import lint, mjcf
@@ -39,6 +41,14 @@ def test_limbs_with_different_numbers_of_bodies_are_meant_to_differ() -> None:
     assert messages(side("left"), side("right", mass=2, geom=geom, y=-1)) == []
     (message,) = messages(side("left", geom=geom), side("right", mass=2, geom=geom, y=-1))
     assert "masses" in message
+
+
+def test_one_model_that_is_attached_on_both_sides_may_be_turned() -> None:
+    Path("arm.xml").write_text(mjcf(side("arm")))
+    attach = '<frame pos="0 {} 0" euler="0 0 {}"><attach model="m" body="arm" prefix="{}_"/></frame>'
+    both = attach.format(1, 0, "left") + attach.format(-1, 30, "right")
+    findings = lint(mjcf(both, before='<asset><model name="m" file="arm.xml"/></asset>'))
+    assert "MJ309" not in [finding.code for finding in findings]
 
 
 @pytest.mark.parametrize(
