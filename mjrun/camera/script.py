@@ -21,7 +21,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, near
 from mjrun.model.names import identify, names
 from mjrun.options.kinds import ChoiceKind, FlagKind, ReadingContext, TextKind, optional
-from mjrun.options.number_kinds import ExactNumberKind, IntegerKind, Number, RealKind
+from mjrun.options.number_kinds import ExactNumberKind, IntegerKind, Number, RealKind, refuse_loose_coordinate
 from mjrun.options.option import (
     Options,
     document_key,
@@ -412,6 +412,7 @@ class _RigArgument:
         for part in parts:
             key, equals, value = part.partition("=")
             if key not in self.keys:
+                refuse_loose_coordinate(key, self._where)
                 raise UnknownNameError("setting", key, self.keys, where=self._where)
             if key != "ease" and isinstance(self._kinds[key], FlagKind):
                 if equals or key in texts:

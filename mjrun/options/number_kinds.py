@@ -3,9 +3,11 @@
 import math
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from fractions import Fraction
 from typing import cast
 
+from mjrun.errors import UsageError
 from mjrun.options.kinds import Kind, ReadingContext
 from mjrun.options.schema_validation import NUMBER, InvalidValueError, Schema, check, type_name
 from mjrun.timeline import rational
@@ -397,6 +399,13 @@ class PointKind(Kind[Vector, Vector]):
 
     def plain(self, value: Vector) -> object:
         return [*value]
+
+
+def refuse_loose_coordinate(text: str, where: str) -> None:
+    """Raises UsageError if a setting is a number: the coordinate of a point that was written with commas."""
+    with suppress(ValueError):
+        float(text)
+        raise UsageError(f"{where}: commas separate settings; write a point with slashes, as in 1/0/0.5")
 
 
 def share_of(percentage: str) -> float:

@@ -13,7 +13,7 @@ from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, con
 from mjrun.formats.recording import RecordingReader, is_recording
 from mjrun.model import state
 from mjrun.model.names import identify
-from mjrun.options.number_kinds import PointKind
+from mjrun.options.number_kinds import PointKind, refuse_loose_coordinate
 from mjrun.options.rendering import GHOST_MOTIONS, NO_MAP, SceneOptions
 from mjrun.options.schema_validation import InvalidValueError
 from mjrun.physics.initial_state import InitialState
@@ -102,6 +102,7 @@ def _ghost(text: str, model: mujoco.MjModel, simulation: Simulation) -> GhostPla
     for part in filter(None, text.split(",")):
         name, equals, value = part.partition("=")
         if name not in SETTINGS:
+            refuse_loose_coordinate(name, option("ghost"))
             meant = [f"{kind}={name}" for kind in ("trace", "recording")] if Path(name).suffix and not equals else []
             raise UnknownNameError("setting", name, SETTINGS, where=option("ghost"), meant=meant)
         if not equals or not value or name in settings:

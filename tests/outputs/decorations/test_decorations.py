@@ -155,6 +155,7 @@ def test_a_ghost_follows_a_table_of_others_by_the_map_of_the_simulation_or_its_o
     for ghost, message in (
         (f"trace={tmp_path}/log.csv,map=none", "has no positions of this model"),
         ("map=none", "map requires trace=FILE"),
+        ("offset=1,0,0", "write a point with slashes"),
         (f"trace={tmp_path}/log.csv,map={tmp_path}/no.map", "no such file"),
     ):
         with pytest.raises(MjrunError, match=message):
