@@ -109,9 +109,14 @@ class _TaskDocumentPlaces:
 
     def located(self, error: UsageError) -> UsageError:
         """Returns `error` at its line; unchanged if the document does not contain its subject."""
-        if not error.path or error.path[0] not in self.tree.entries:
+        if not error.path or error.path[0] not in self.tree.entries or self._lacks_setting(error.path):
             return error
         return document_error([option_fault(self.tree, (), error, declared_at)])
+
+    def _lacks_setting(self, path: DocumentPath) -> bool:
+        """Returns whether `path` is that of a setting from elsewhere: the command line, another document, a study."""
+        settings = self.tree.entries[str(path[0])]
+        return path[0] == "set" and isinstance(settings, MappingNode) and not {*path[1:2]} <= settings.entries.keys()
 
 
 def read_task(path: Path | str, assignments: Sequence[str] = ()) -> Task:

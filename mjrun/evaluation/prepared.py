@@ -166,7 +166,12 @@ class PreparedEvaluation:
 
     def _checked_players(self) -> EpisodePlayer:
         """Returns the player of the first group; creates those of other policies to check that they fit the task."""
-        first = player_of(self.groups[0].spec)
+        try:
+            first = player_of(self.groups[0].spec)
+        except UsageError as error:
+            if error.path[:1] == ("set",) and {*error.path[1:2]} <= {*self.points.names}:
+                error.path = ("vary", *error.path[1:])
+            raise
         known = {self.groups[0].spec.chosen}
         for group in self.groups:
             if group.spec.chosen not in known:

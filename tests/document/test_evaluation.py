@@ -103,6 +103,19 @@ def test_a_threshold_of_what_there_is_not_is_reported_at_its_line(document: Path
         request.made.run()
 
 
+def test_a_parameter_that_the_model_lacks_is_reported_at_its_line_although_the_task_has_settings(
+    document: Path,
+) -> None:
+    (document.parent / "tasks/cart.yaml").write_text(CART + "set: {opt.cone: elliptic}\n")
+    document.write_text(TEXT.replace("{control_dt: [0.02, 0.04]}", "{geom/nix.mass: [1, 2]}"))
+    request = read_evaluation(document)
+    with (
+        pytest.raises(DocumentError, match=r"robust\.yaml:5:8: vary\.geom/nix\.mass: no geom 'nix'"),
+        request.located(),
+    ):
+        request.made.run()
+
+
 def test_only_documents_have_values_that_change(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="gym:Ant-v5 is not a document"):
         evaluated_task("gym:Ant-v5", ["duration=1"])

@@ -235,6 +235,12 @@ def test_what_the_document_does_not_say_is_no_fault_of_it() -> None:
     with pytest.raises(UsageError, match=r"^lost$") as caught, read(WHOLE).located():
         raise UsageError("lost", ("policy",))
     assert not isinstance(caught.value, DocumentError)
+    settings = "set: {opt.cone: elliptic}\n"
+    with pytest.raises(UsageError, match=r"^lost$") as caught, read(WHOLE + settings).located():
+        raise UsageError("lost", ("set", "geom/nix.mass"))
+    assert not isinstance(caught.value, DocumentError)
+    with pytest.raises(DocumentError, match=r"^t\.yaml:6:7: set\.opt\.cone: lost"), read(WHOLE + settings).located():
+        raise UsageError("lost", ("set", "opt.cone"))
 
 
 def test_a_document_that_is_not_there_is_reported() -> None:
