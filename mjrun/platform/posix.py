@@ -174,10 +174,21 @@ def hard_link(existing: Path, new: Path) -> None:
 def remove_folder(path: Path) -> None:
     """Removes a folder with everything in it, as far as possible, and without following links.
 
-    Folders in it are moved up before they are emptied, so that any depth needs only two descriptors.
-
     Raises:
       OSError: it cannot be opened, or something in it cannot be removed.
+    """
+    import shutil  # not before the command forks
+
+    with suppress(RecursionError):
+        shutil.rmtree(path, ignore_errors=True)
+    if path.exists():
+        _remove_deep_folder(path)
+
+
+def _remove_deep_folder(path: Path) -> None:
+    """Removes a folder that is nested too deeply for recursion and for the number of open descriptors.
+
+    Folders in it are moved up before they are emptied, which requires space on the disk.
     """
     top = os.open(path, FOLDER_FLAGS)
     try:
