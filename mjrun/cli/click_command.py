@@ -18,7 +18,7 @@ import click
 
 from mjrun.cli.console import Console, HelpContext, flag, shown_help
 from mjrun.dataclass import dataclass
-from mjrun.errors import UsageError, listing, near, quoted, suggestion
+from mjrun.errors import UsageError, clean, listing, near, quoted, suggestion
 from mjrun.errors import option as mention
 from mjrun.options.every_command import DOCUMENT_FORMS, ConfinementOptions, ConsoleOptions, OpenWhenDoneOptions
 from mjrun.options.kinds import AnyKind, ChoiceKind, FlagKind, OneOrMoreKind
@@ -40,6 +40,7 @@ TERM_WIDTH = 26  # columns of help for an option's spelling, with the gap before
 SHORT_DEFAULT = 24  # characters that are kept on one line
 MODULE_OBJECTS = 100_000  # more than any command imports: they are not garbage
 WORDS = f"{__name__}.words"  # the key in a context of the words on the command line
+REPLACED = f"{__name__}.replaced"  # and of warnings about values that a later one replaces
 
 
 class ParsedCommandLine:
@@ -174,6 +175,8 @@ class DeclaredCommand(click.Command):
             gc.set_threshold(MODULE_OBJECTS)
         gc.enable()
         _set_verbosity(console, command_line)
+        for text in ctx.meta.get(REPLACED, ()):
+            console.warn(text)
         console.page = cast("str | None", command_line.value("html"))
         with _confined_if_asked(console, command_line):
             console.guard_stdout()
@@ -290,8 +293,7 @@ class DeclaredOption(click.Option):
         optional: dict[str, Any] = {}
         if declared.flag_value is not None:
             optional |= {"is_flag": False, "flag_value": declared.flag_value}
-        several = is_repeatable(declared)
-        super().__init__(names, type=chosen, multiple=several, metavar=metavar, default=None, **optional)
+        super().__init__(names, type=chosen, multiple=True, metavar=metavar, default=None, **optional)
 
     def takes(self, text: str) -> bool:
         """Returns whether a text is a value of this option, perhaps a wrong one."""
@@ -318,10 +320,19 @@ class DeclaredOption(click.Option):
         return values or super().shell_complete(ctx, incomplete)
 
     def type_cast_value(self, ctx: click.Context, value: object) -> object:
-        made = super().type_cast_value(ctx, value)
-        if self.multiple:
-            return _gathered(self.declared.kind, made) if made else None
-        return made
+        made, kind = super().type_cast_value(ctx, value), self.declared.kind
+        if not (self.multiple and made):
+            return None if self.multiple else made
+        if is_repeatable(self.declared) and not isinstance(kind, NamedNumbersKind):
+            return _gathered(kind, made)
+        last = dict[str, str]()  # the text of the last value, by its name
+        for text, each in zip(cast("Sequence[str]", value), made, strict=True):
+            name = each[0] if isinstance(kind, NamedNumbersKind) else ""
+            before, last[name] = last.get(name, text), text
+            if before != text:
+                replaced: list[str] = ctx.meta.setdefault(REPLACED, [])
+                replaced.append(f"{self.opts[-1]} {clean(before)} has no effect, because {clean(text)} follows")
+        return dict(made) if isinstance(kind, NamedNumbersKind) else made[-1]
 
 
 class _Choice(click.Choice[str]):
@@ -353,7 +364,8 @@ class _KindType(click.ParamType[object]):
 def further_value_hint(word: str, ctx: click.Context) -> str:
     """Returns ` (did you mean '--vary WORD'?)` for a word after the value of a repeatable option, or an empty text."""
     args = cast("Sequence[str]", ctx.meta[WORDS])
-    repeatable = {name for param in ctx.command.params if getattr(param, "multiple", False) for name in param.opts}
+    declared = [param for param in ctx.command.params if isinstance(param, DeclaredOption)]
+    repeatable = {name for param in declared if is_repeatable(param.declared) for name in param.opts}
     before = [name for name, _, other in zip(args, args[1:], args[2:], strict=False) if other == word]
     return suggestion(word, (), f"{before[0]} {word}" if before and before[0] in repeatable else "")
 
@@ -456,8 +468,6 @@ def shown_default(declared: Option) -> str:
 
 def _gathered(kind: AnyKind, values: Sequence[object]) -> object:
     """Combines the values of all repetitions."""
-    if isinstance(kind, NamedNumbersKind):
-        return dict(cast("Sequence[tuple[str, object]]", values))
     if isinstance(kind, OneOrMoreKind) and kind.commas:
         return tuple(part for words in cast("Sequence[tuple[object, ...]]", values) for part in words)
     return tuple(values)

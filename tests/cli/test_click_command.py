@@ -97,6 +97,16 @@ def test_a_bad_value_is_reported_as_click_does(arguments: tuple[str, ...], messa
     assert error.value.format_message().startswith(message)
 
 
+@cases("arguments, message")
+def test_a_value_that_a_later_one_replaces_is_reported(
+    arguments: tuple[str, ...], message: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    warnings = list[str]()
+    monkeypatch.setattr(Console, "warn", lambda _, text: warnings.append(text))
+    baked("apple", *arguments)
+    assert warnings == ([message] if message else [])
+
+
 def test_help_shows_sections_defaults_and_what_stands_for_values() -> None:
     @command(Cake)
     def bake(console: Console, command_line: ParsedCommandLine) -> None:
