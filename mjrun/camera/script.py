@@ -180,10 +180,10 @@ class Shot(Options):
         help="Transition from the previous shot: a shape, a width [s], or both; a cut if left out.",
     )
     roll: EasedNumber = option(
-        converter=RampKind(), default=LEVEL, help="Clockwise turn around the axis of view [deg]."
+        converter=RampKind("degrees"), default=LEVEL, help="Clockwise turn around the axis of view [deg]."
     )
     fovy: EasedNumber | None = option(
-        converter=optional(RampKind("degrees")),
+        converter=optional(RampKind("degrees", positive=True)),
         default=None,
         help="Vertical field of view [deg], or its height [m] if orthographic; the model's if left out.",
     )

@@ -44,9 +44,11 @@ class FreeRig(Rig):
     help: ClassVar[str] = "MuJoCo's free camera."
 
     lookat: ObjectOrPoint | None = option(converter=optional(ObjectOrPointKind()), default=None, help=LOOKAT)
-    distance: EasedNumber | None = option(converter=optional(RampKind("metres")), default=None, help=DISTANCE)
-    azimuth: EasedNumber | None = option(converter=optional(RampKind()), default=None, help=AZIMUTH)
-    elevation: EasedNumber | None = option(converter=optional(RampKind()), default=None, help=ELEVATION)
+    distance: EasedNumber | None = option(
+        converter=optional(RampKind("metres", positive=True)), default=None, help=DISTANCE
+    )
+    azimuth: EasedNumber | None = option(converter=optional(RampKind("degrees")), default=None, help=AZIMUTH)
+    elevation: EasedNumber | None = option(converter=optional(RampKind("degrees")), default=None, help=ELEVATION)
 
     def bind(self, cameras: MujocoCameras, where: str) -> "BoundAroundRig":
         azimuth = self.azimuth or EasedNumber.still(cameras.free.azimuth)
@@ -62,11 +64,13 @@ class OrbitRig(Rig):
     eased: ClassVar[bool] = True
 
     lookat: ObjectOrPoint | None = option(converter=optional(ObjectOrPointKind()), default=None, help=LOOKAT)
-    distance: EasedNumber | None = option(converter=optional(RampKind("metres")), default=None, help=DISTANCE)
-    azimuth: EasedNumber | None = option(
-        converter=optional(RampKind()), default=None, help=f"{DIRECTION}; a full circle if left out."
+    distance: EasedNumber | None = option(
+        converter=optional(RampKind("metres", positive=True)), default=None, help=DISTANCE
     )
-    elevation: EasedNumber | None = option(converter=optional(RampKind()), default=None, help=ELEVATION)
+    azimuth: EasedNumber | None = option(
+        converter=optional(RampKind("degrees")), default=None, help=f"{DIRECTION}; a full circle if left out."
+    )
+    elevation: EasedNumber | None = option(converter=optional(RampKind("degrees")), default=None, help=ELEVATION)
     ease: str = option(
         converter=ChoiceKind((*EASINGS,)),
         default="linear",
@@ -93,9 +97,11 @@ class TrackRig(Rig):
     eased: ClassVar[bool] = True
 
     target: str = required(converter=ObjectNameKind(), help="The object: box, geom:edge, site:tip or subtree:torso.")
-    distance: EasedNumber | None = option(converter=optional(RampKind("metres")), default=None, help=DISTANCE)
-    azimuth: EasedNumber | None = option(converter=optional(RampKind()), default=None, help=AZIMUTH)
-    elevation: EasedNumber | None = option(converter=optional(RampKind()), default=None, help=ELEVATION)
+    distance: EasedNumber | None = option(
+        converter=optional(RampKind("metres", positive=True)), default=None, help=DISTANCE
+    )
+    azimuth: EasedNumber | None = option(converter=optional(RampKind("degrees")), default=None, help=AZIMUTH)
+    elevation: EasedNumber | None = option(converter=optional(RampKind("degrees")), default=None, help=ELEVATION)
     heading: bool = option(
         converter=FlagKind(),
         default=False,

@@ -162,16 +162,16 @@ class RampKind(OneOfKind["EasedNumber | float", EasedNumber]):
     """A number, or one that changes over the shot: `140..240`.
 
     Args:
-      unit: the plural noun in errors about numbers that must be positive, as in `metres`; empty if any sign is valid.
+      unit: the plural noun in errors, as in `metres`.
     """
 
     metavar = "X..Y"
 
-    def __init__(self, unit: str = "") -> None:
-        mapping = OptionsMappingKind(PositiveRampOptions if unit else RampOptions, EasedNumber)
-        number = RealKind(above=0) if unit else RealKind(least=None)
-        super().__init__("a number or {from, to, ease}", number=number, object=mapping)
-        self.unit = unit
+    def __init__(self, unit: str, *, positive: bool = False) -> None:
+        mapping = OptionsMappingKind(PositiveRampOptions if positive else RampOptions, EasedNumber)
+        number = RealKind(above=0) if positive else RealKind(least=None)
+        super().__init__(f"a number of {unit} or {{from, to, ease}}", number=number, object=mapping)
+        self.unit, self.positive = unit, positive
 
     def __call__(self, value: "EasedNumber | float") -> EasedNumber:
         ramp = value if isinstance(value, EasedNumber) else EasedNumber.still(value)
@@ -180,7 +180,7 @@ class RampKind(OneOfKind["EasedNumber | float", EasedNumber]):
         for number in (ramp.start, ramp.end):
             if not math.isfinite(number):
                 raise InvalidValueError("finite", f"{number:g}")
-            if self.unit and number <= 0:
+            if self.positive and number <= 0:
                 raise InvalidValueError(f"a positive number of {self.unit}", f"{number:g}")
         return ramp
 
@@ -191,7 +191,7 @@ class RampKind(OneOfKind["EasedNumber | float", EasedNumber]):
         except ValueError:
             ramp = EasedNumber.still(math.nan)
         if not (math.isfinite(ramp.start) and math.isfinite(ramp.end)):
-            raise InvalidValueError("a number, or two as in 140..240")
+            raise InvalidValueError(f"a number of {self.unit}, or two as in 140..240")
         return self(ramp)
 
     def plain(self, value: EasedNumber) -> object:
