@@ -2,11 +2,13 @@
 
 import copy
 import io
+import pickle
 import warnings
 from collections.abc import Generator
 from contextlib import contextmanager
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
+from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 
@@ -60,6 +62,11 @@ class TorchScriptPolicy(Policy):
 
 
 def _read(path: Path) -> "ScriptModule":
+    content = path.read_bytes()
+    if _is_checkpoint(content):
+        reason = "torch.save wrote weights or pickled objects into it, without the code of the network"
+        advice = "export the network with torch.jit.script(network).save('policy.pt'), or with torch.onnx.export"
+        raise FileError(path, "is not TorchScript", f"{reason}\n{advice}")
     require("a policy in TorchScript", "", "torch")
     import torch  # pyright: ignore[reportMissingImports]
 
@@ -67,12 +74,21 @@ def _read(path: Path) -> "ScriptModule":
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # torch deprecates the export format of Isaac Lab and rsl_rl
-            return torch.jit.load(io.BytesIO(path.read_bytes()), map_location="cpu").eval()
+            return torch.jit.load(io.BytesIO(content), map_location="cpu").eval()
     except (RuntimeError, ValueError) as error:
-        advice = "a checkpoint has weights without the network; export the policy as ONNX or TorchScript"
-        raise FileError(
-            path, "is not TorchScript", f"{advice}\n{clean(str(error)).partition(chr(10))[0][:200]}"
-        ) from error
+        raise FileError(path, "is not TorchScript", clean(str(error)).partition("\n")[0][:200]) from error
+
+
+def _is_checkpoint(content: bytes) -> bool:
+    """Returns whether torch.save wrote this: a pickle, or an archive of one without the constants of TorchScript."""
+    if content.startswith(pickle.PROTO):
+        return True
+    try:
+        with ZipFile(io.BytesIO(content)) as archive:
+            names = {PurePosixPath(name).name for name in archive.namelist()}
+    except BadZipFile:
+        return False
+    return "data.pkl" in names and "constants.pkl" not in names
 
 
 FORMAT = PolicyFormat(
