@@ -253,6 +253,15 @@ class GoldenDifferenceError(MjrunError):
         super().__init__("\n".join([*messages, f"{option('update')} replaces the golden table by this result"]))
 
 
+class EmptyDatasetError(MjrunError):
+    """A dataset without images, because all `rejected` ones violate its conditions; `place` has their labels."""
+
+    exit_code = 1
+
+    def __init__(self, rejected: int, place: str) -> None:
+        super().__init__(f"{option('accept')} omits all {counted(rejected, 'image')}; {clean(place)} has their labels")
+
+
 class UnidentifiableError(MjrunError):
     """Measurements that do not determine the parameters of a fit; `messages` name them, `hints` give likely reasons."""
 

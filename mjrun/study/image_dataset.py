@@ -13,7 +13,7 @@ from typing import Any
 import mujoco
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import FailedPointsError, FileError, UsageError, listing, option
+from mjrun.errors import EmptyDatasetError, FailedPointsError, FileError, UsageError, listing, option
 from mjrun.experiment.results_table import raise_failures
 from mjrun.file_version import file_version
 from mjrun.formats import datasets
@@ -74,6 +74,7 @@ class Dataset(DatasetOptions, ExecutionOptions):
 
         Raises:
           FailedPointsError: points failed; everything else is written nevertheless.
+          EmptyDatasetError: no image satisfies the conditions; everything else is written nevertheless.
           MjrunError: nothing could be rendered.
         """
         reporter, start = reporter or PythonApiReporter(), time.perf_counter()
@@ -286,8 +287,10 @@ class Dataset(DatasetOptions, ExecutionOptions):
         )
         facts = {"schema": SCHEMA, "format": list(self.format), "images": dict(result.images), "documents": documents}
         study.write_manifest({**facts, **prepared.identities})
-        is_complete = results.counts.get("ok", 0) == len(results)
-        raise_failures(result, [], None if is_complete else FailedPointsError(results.counts))
+        if results.counts.get("ok", 0) < len(results):
+            raise_failures(result, [], FailedPointsError(results.counts))
+        if not any(result.images.values()):
+            raise_failures(result, [], EmptyDatasetError(rejected, str(folder / RECORDS)))
         return result
 
     def _objects(self, objects: Sequence[ObjectToLabel], model: mujoco.MjModel) -> bytes:

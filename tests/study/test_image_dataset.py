@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 import mjrun
-from mjrun.errors import BadValueError, DrawError, FailedPointsError, FileError, UsageError
+from mjrun.errors import BadValueError, DrawError, EmptyDatasetError, FailedPointsError, FileError, UsageError
 from mjrun.reporter import PythonApiReporter, Reporter
 from mjrun.study.dataset_specs import camera_argument, part_of
 from mjrun.study.image_dataset import Dataset, DatasetResult
@@ -184,6 +184,9 @@ def test_rejected_images_and_points_that_are_gone_leave_no_files(model: Path, tm
     made(model, folder, samples=2, format="yolo")
     for name in (*ASSETS, "labels", "records"):
         assert sorted(int(path.stem) for path in (folder / name).iterdir()) == [0, 1]
+    with pytest.raises(EmptyDatasetError, match=r"accept omits all 2 images; .* has their labels") as error:
+        made(model, folder, samples=2, accept="objects > 2")
+    assert [(result.rejected, result.images) for result in error.value.results] == [(2, {"train": 0, "val": 0})]
 
 
 def test_a_folder_that_had_other_images_or_formats_has_the_files_of_the_last_run_alone(

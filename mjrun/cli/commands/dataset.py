@@ -53,7 +53,7 @@ def dataset(console: Console, command_line: ParsedCommandLine) -> None:
 
     Every parameter of mjrun sweep can vary, and every setting of the camera. STUDY.yaml is a study document, of whose
     model, simulation and parameters the images are made; KEY=VALUE changes a value in it. Repeating a command continues
-    its dataset. Exits with 8 if points failed.
+    its dataset. Exits with 8 if points failed, and with 1 if --accept omits all images.
     """
     import_mujoco()
     job, located = _dataset(console, command_line)
