@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import mujoco
+import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import EmptyDatasetError, FailedPointsError, FileError, UsageError, listing, option
@@ -27,12 +28,20 @@ from mjrun.options.datasets import CAMERA, EXTRAS, DatasetOptions, LabelledImage
 from mjrun.options.option import options, values_of
 from mjrun.options.rendering import RIG_EXAMPLES, ViewOptions
 from mjrun.options.sweep import MANIFEST, ExecutionOptions, VariationOptions
-from mjrun.outputs.labelled_images import AcceptanceConditions, ObjectToLabel, labelled_objects
+from mjrun.outputs.labelled_images import AcceptanceConditions, ObjectToLabel, labelled_objects, object_of_body
 from mjrun.outputs.recorded_scene import camera_motions
 from mjrun.packages import require_all
 from mjrun.rendering.backend import AUTO, GL
-from mjrun.rendering.drawn_model import require_finite_extent, stage_parts, stage_remark
+from mjrun.rendering.drawn_model import (
+    HIDDEN_GROUP,
+    VISIBLE_GROUPS,
+    require_finite_extent,
+    stage_parts,
+    stage_remark,
+    visible_geoms,
+)
 from mjrun.reporter import PythonApiReporter, Reporter
+from mjrun.scene_graph.object_meshes import ObjectMesh, object_meshes
 from mjrun.simulation.simulation import Simulation, require_simulation, require_whole
 from mjrun.study.dataset_specs import RECORDS, ImageSpec, camera_argument, part_of, record_path
 from mjrun.study.executors import WARP, check_engine
@@ -262,7 +271,8 @@ class Dataset(DatasetOptions, ExecutionOptions):
 
         sites = names(prepared.model, "site")
         described = [(each.name, each.category, tuple(sites[i] for i in each.keypoints)) for each in objects]
-        dataset = datasets.DatasetRecords(parts, described, self.polygons, self.yolo_task)
+        meshes = self._meshes(prepared, objects) if "bop" in self.format else ()
+        dataset = datasets.DatasetRecords(parts, described, self.polygons, self.yolo_task, meshes)
         self._write([(OBJECTS, self._objects(objects, prepared.model))])
         documents = list[str]()
         for name in self.format:
@@ -292,6 +302,14 @@ class Dataset(DatasetOptions, ExecutionOptions):
         if not any(result.images.values()):
             raise_failures(result, [], EmptyDatasetError(rejected, str(folder / RECORDS)))
         return result
+
+    def _meshes(self, prepared: PreparedStudy, objects: Sequence[ObjectToLabel]) -> Sequence[ObjectMesh | None]:
+        """Returns the meshes of the objects at the start of the first point."""
+        stepper = prepared.first.stepper(prepared.first.load())
+        model, data = stepper.model, stepper.initial()
+        model.geom_group[:] = np.where(visible_geoms(model, self.geoms), VISIBLE_GROUPS[0], HIDDEN_GROUP)
+        roots = [each.body for each in objects]
+        return object_meshes(model, data, roots, object_of_body(model, roots))
 
     def _objects(self, objects: Sequence[ObjectToLabel], model: mujoco.MjModel) -> bytes:
         """Returns the list of objects, and of the bodies that part masks distinguish."""

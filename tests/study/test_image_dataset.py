@@ -98,6 +98,18 @@ def test_datasets_and_studies_do_not_replace_other_tables(model: Path, tmp_path:
         mjrun.sweep(model, vary={"seed": "1"}, steps=2, output=str(tmp_path / "set"))
 
 
+def test_a_dataset_in_bop_has_the_models_of_its_objects(model: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "set"
+    made(model, folder, samples=1, format="bop")
+    info = json.loads((folder / "models/models_info.json").read_text())
+    sizes = {number: [each[f"size_{axis}"] for axis in "xyz"] for number, each in info.items()}
+    assert sizes == {"1": pytest.approx([200] * 3), "2": pytest.approx([200, 200, 205])}  # a site of 5 mm
+    assert info["1"]["diameter"] == pytest.approx(200 * 3**0.5)
+    assert (folder / "models/obj_000001.ply").read_bytes().startswith(b"ply\n")
+    made(model, folder, samples=1, format="yolo")
+    assert not [*folder.glob("models/*")]
+
+
 def test_a_point_is_the_image_of_the_same_model_and_camera(model: Path, tmp_path: Path) -> None:
     made(model, tmp_path / "set", samples=2)
     for document in (tmp_path / "set/records").glob("*.json"):

@@ -5,6 +5,7 @@ from typing import Any
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, option
+from mjrun.scene_graph.object_meshes import ObjectMesh
 
 Record = Mapping[str, Any]  # of an image, as `mjrun.study.point_images` describes it
 Files = Sequence[tuple[str, bytes]]  # paths in the dataset, and contents
@@ -20,12 +21,14 @@ class DatasetRecords:
       objects: name, category and names of the keypoints of each object, in the order of their ids from 1.
       polygons: whether masks in COCO are polygons.
       yolo_task: `detect`, `segment` or `pose`.
+      meshes: the mesh of each object, None for one without a surface; empty for formats without meshes.
     """
 
     records: Mapping[str, Sequence[Record]]
     objects: Sequence[tuple[str, str, tuple[str, ...]]]
     polygons: bool = False
     yolo_task: str = "detect"
+    meshes: Sequence[ObjectMesh | None] = ()
 
     @property
     def categories(self) -> list[str]:

@@ -1,4 +1,4 @@
-"""BOP: scene_camera.json, scene_gt.json and scene_gt_info.json; lengths are in millimetres.
+"""BOP: scene_camera.json, scene_gt.json, scene_gt_info.json and the models of objects; lengths are in millimetres.
 
 https://github.com/thodan/bop_toolkit/blob/master/docs/bop_datasets_format.md
 """
@@ -11,12 +11,17 @@ import numpy as np
 
 from mjrun.formats.calibration_writer import CENTER
 from mjrun.formats.datasets import DatasetRecords, Files, Record, require_perspective
+from mjrun.formats.pointcloud import COLOR, PLACE, TYPES
+from mjrun.scene_graph.object_meshes import ObjectMesh
 
 SCENE = "000000"
+NORMAL = (("nx", "<f4"), ("ny", "<f4"), ("nz", "<f4"))
+VERTEX = (*PLACE, *NORMAL, *COLOR)
+FACE = np.dtype([("count", "u1"), ("vertices", "<i4", 3)])
 
 
 def files(dataset: DatasetRecords) -> Files:
-    """Returns the documents of one scene for each part of the dataset.
+    """Returns the documents of one scene for each part of the dataset, and the models of the objects.
 
     Raises:
       UsageError: a camera has no perspective.
@@ -29,7 +34,31 @@ def files(dataset: DatasetRecords) -> Files:
             "scene_gt_info": {str(record["id"]): [_info(each) for each in record["objects"]] for record in records},
         }
         written += [(f"{part}/{SCENE}/{name}.json", _json(document)) for name, document in documents.items()]
+    meshes = {number: mesh for number, mesh in enumerate(dataset.meshes, 1) if mesh}
+    written += [(f"models/obj_{number:06d}.ply", _ply(mesh)) for number, mesh in meshes.items()]
+    if meshes:
+        described = {str(number): _model(mesh) for number, mesh in meshes.items()}
+        written.append(("models/models_info.json", _json(described)))
     return written
+
+
+def _model(mesh: ObjectMesh) -> dict[str, float]:
+    low, high = 1000 * mesh.positions.min(axis=0), 1000 * mesh.positions.max(axis=0)
+    least = {f"min_{axis}": float(number) for axis, number in zip("xyz", low, strict=True)}
+    sizes = {f"size_{axis}": float(number) for axis, number in zip("xyz", high - low, strict=True)}
+    return {"diameter": 1000 * mesh.diameter, **least, **sizes}
+
+
+def _ply(mesh: ObjectMesh) -> bytes:
+    vertices, faces = np.empty(len(mesh.positions), list(VERTEX)), np.empty(len(mesh.faces), FACE)
+    values = np.column_stack([1000 * mesh.positions, mesh.normals, mesh.colors])
+    for (name, _), column in zip(VERTEX, values.T, strict=True):
+        vertices[name] = column
+    faces["count"], faces["vertices"] = 3, mesh.faces
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertices)}"]
+    header += [f"property {TYPES[kind]} {name}" for name, kind in VERTEX]
+    header += [f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header", ""]
+    return "\n".join(header).encode() + vertices.tobytes() + faces.tobytes()
 
 
 def _camera(record: Record) -> dict[str, Any]:
