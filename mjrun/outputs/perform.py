@@ -255,7 +255,10 @@ def open_pass(plan: PassPlan[R], stack: ExitStack, backends: RenderingResources)
     ]
     for text in context.simulation.notes(context.model):
         context.reporter.note(text)
-    for text in context.simulation.remarks(context.model):
+    remarks = context.simulation.remarks(context.model)
+    if max(each.until for each in plan.outputs) == context.timeline.steps:
+        remarks += context.simulation.remarks_on_end(context.model)
+    for text in remarks:
         context.reporter.warn(text)
     collected, opened = _UsageErrors(alone=len(plan.outputs) == 1), list[OpenOutput[R]]()
     for index, each in enumerate(plan.outputs):

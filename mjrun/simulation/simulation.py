@@ -474,6 +474,14 @@ class Simulation(SimulationOptions):
         control = ControlSources(timestep, data.ctrl.copy(), inputs, self._noise(model), inputs=inputs)
         return PhysicsStepper(model, data, control, self._pushes(model))
 
+    def remarks_on_end(self, model: mujoco.MjModel) -> list[str]:
+        """Returns remarks for the user on inputs that outlast the default duration."""
+        if self.ctrl_from is None or self.has_end or self.until is not None:
+            return []
+        end, duration = self._table(model).end, float(self.timeline(model).duration)
+        text = f"{clean(self.ctrl_from)} has controls until {end:g} s, of which {duration:g} s are simulated"
+        return [f"{text}; {option('duration')} {end:g} simulates all"] if end > duration else []
+
     def replay_remarks(self, model: mujoco.MjModel) -> list[str]:
         """Returns remarks on the replay, if any."""
         if self.replay is None:

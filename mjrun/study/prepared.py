@@ -142,7 +142,7 @@ class PreparedStudy(PreparedPoints):
 
     def warn(self, reporter: Reporter) -> None:
         super().warn(reporter)
-        for text in edit_remarks(self.shipped.spec.modules):
+        for text in [*edit_remarks(self.shipped.spec.modules), *self.first.remarks_on_end(self.model)]:
             reporter.warn(text)
         self._warn_of_replayed_states(reporter)
         if self.first.code and not self._acts_again_alike():

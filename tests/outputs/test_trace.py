@@ -10,11 +10,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.errors import ContactMemoryError, FailedAssertionError, MjrunError, UnstableError, UsageError
+from mjrun.errors import ContactMemoryError, FailedAssertionError, MjrunError, UnstableError, UsageError, spelled
 from mjrun.outputs.trace import Trace, columns
 from mjrun.outputs.trace_rows import TIME
 from mjrun.simulation.simulation import Simulation
 from tests.cases import cases
+from tests.reporters import RecordingReporter
 
 SCENES = Path(__file__).parents[2] / "scenes"
 FALL = '<mujoco><worldbody><body name="b" pos="0 0 9"><freejoint/><geom size=".1"/></body></worldbody></mujoco>'
@@ -291,6 +292,21 @@ def test_a_video_and_a_trace_are_driven_alike(tmp_path: Path) -> None:
 
 
 SLIDE_MODEL = mujoco.MjModel.from_xml_string(SLIDE)
+
+
+@pytest.mark.parametrize(
+    ("given", "is_cut"), [({}, True), ({"duration": 5}, False), ({"steps": 2}, False), ({"until": "time > 0.1"}, False)]
+)
+def test_a_table_of_controls_that_outlasts_the_default_duration_is_reported(
+    tmp_path: Path, given: dict[str, object], is_cut: bool
+) -> None:
+    table = tmp_path / "long.csv"
+    table.write_text("time,ctrl/m,ctrl/p\n0,1,0\n5.5,0,0\n")
+    simulation = Simulation(SLIDE_MODEL, ctrl_from=str(table), **given)  # type: ignore[arg-type]
+    reporter = RecordingReporter()
+    Trace(simulation, str(tmp_path / "t.csv")).run(reporter)
+    text = f"{table} has controls until 5.5 s, of which 5 s are simulated; duration 5.5 simulates all"
+    assert [spelled(each) for each in reporter.warnings if "controls" in each] == [text] * is_cut
 
 
 @cases("text, code, said")

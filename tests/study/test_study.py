@@ -37,7 +37,7 @@ from mjrun.study.study import Study, StudyResult
 from tests.cases import cases
 from tests.reporters import RecordingReporter
 from tests.study import factories
-from tests.study.models import BALL
+from tests.study.models import BALL, PENDULUM
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -74,6 +74,18 @@ def test_what_changed_since_the_last_run_is_noted_without_a_document_too(
         reporter = RecordingReporter()
         study(simulation, folder, vary=vary, **options).run(reporter)
         assert [text for text in reporter.texts if "changed" in text] == changed
+
+
+def test_controls_that_outlast_the_default_duration_are_reported(tmp_path: Path) -> None:
+    path = tmp_path / "controls.csv"
+    path.write_text("time,ctrl/motor\n0,1\n5.5,0\n")
+    model = tmp_path / "pendulum.xml"
+    model.write_text(PENDULUM)
+    driven, reporter = Simulation(str(model), ctrl_from=str(path)), RecordingReporter()
+    study(driven, tmp_path / "study", metric={"end": "last(time)"}, vary={"seed": "1"}).run(reporter)
+    assert [spelled(each) for each in reporter.warnings if "controls" in each] == [
+        f"{path} has controls until 5.5 s, of which 5 s are simulated; duration 5.5 simulates all"
+    ]
 
 
 def test_a_value_that_is_the_end_of_a_name_is_explained(simulation: Simulation, tmp_path: Path) -> None:
