@@ -434,7 +434,7 @@ def _of_original(finding: Finding, task: CheckRequest) -> Finding:
         return with_original_paths(text, Path(task.root), here)
 
     fixes = [
-        Fix(tuple(replace(e, file=original(e.file)) for e in fix.edits), fix.fields, tuple(map(original, fix.files)))
+        Fix(tuple(replace(e, file=original(e.file)) for e in fix.edits), fix.changes, tuple(map(original, fix.files)))
         for fix in finding.fixes
     ]
     texts = {name: original(getattr(finding, name)) for name in ("message", "file", "remedy")}

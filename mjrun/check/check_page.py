@@ -159,7 +159,7 @@ class FindingCards:
 
     def add_fixes(self, copy: FixedModelCopy, findings: Sequence[Finding]) -> None:
         """Adds a card for each finding that is fixed in the copy of a model, with pictures of both if it is visible."""
-        visible = [f for f in findings if any(name.startswith(VISIBLE) for fix in f.fixes for name in fix.fields)]
+        visible = [f for f in findings if any(field.startswith(VISIBLE) for fix in f.fixes for field, _ in fix.changes)]
         renderers = [self._renderer_of(str(path)) for path in (copy.original, copy.path)] if visible else []
         for finding in findings:
             images = [self._picture(renderer, finding) for renderer in renderers] if finding in visible else []

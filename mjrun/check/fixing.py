@@ -1,8 +1,9 @@
 """Fixes of models: edits of their text that are tried on a mirror of their files before any file changes.
 
 Models that share a file are fixed together. The edits that their findings propose are made on copies, in rounds, until
-none is left; each model must then load, and differ from the original only in what the fixes are about. All files of
-these models are replaced together with the files that fixes add, or none.
+none is left. After each round, a model that loaded before must load, and differ only in what the fixes of that round
+may change in it: named fields of named objects. The other fixes are left out. All files of these models are replaced
+together with the files that fixes add, or none.
 """
 
 import difflib
@@ -37,7 +38,6 @@ from mjrun.suffixes import XML
 MAX_ROUNDS = 50
 ROUNDING = 1e-9  # absolute and relative, of numbers that a fix writes in another way, with ten digits
 RUN_AGAIN = "run the command again"
-UNDONE = "fixes undo each other, as where models that share a file need it in different ways"
 OUTSIDE = f"it is outside the folders of the models; give a folder that contains both, with {option('fix')}"
 IN_COLLECTION = f"it belongs to a collection of models; copy its folder, and give that, with {option('fix')}"
 
@@ -66,20 +66,45 @@ class _Group:
             self.texts.setdefault(real, text)
 
 
+class _Proposal(NamedTuple):
+    """A fix as findings propose it: one for all objects that inherit what it edits, if each has the fault.
+
+    Attributes:
+      code: the code of the rule.
+      changes: the fields of objects that it may change, by model.
+    """
+
+    code: str
+    fix: Fix
+    changes: dict[str, set[tuple[str, str]]]
+
+    @property
+    def key(self) -> tuple[str, Fix]:
+        """The identity of the fix in later rounds, in which its edits are at other places."""
+        return self.code, replace(self.fix, edits=tuple(replace(edit, start=0, end=0) for edit in self.fix.edits))
+
+
 class _Attempt(NamedTuple):
     """The outcome of fixes by some rules.
 
     Attributes:
       texts: the new bytes of each XML file, and those of new files, by its real path.
       fixes: the fixes that were made, each with the code of its rule.
-      results: the results for the models with these texts.
+      checked: the results for the models with these texts.
       problem: the reason why the fixes must not be made, with the model; empty without one.
+      refused: the reasons why some fixes were left out.
     """
 
     texts: dict[str, bytes]
     fixes: list[tuple[str, Fix]]
-    results: list[ModelCheckResult]
+    checked: Sequence[FixResult]
     problem: str = ""
+    refused: Sequence[str] = ()
+
+    @property
+    def results(self) -> list[ModelCheckResult]:
+        """The results for the models."""
+        return [each.result for each in self.checked]
 
 
 class ModelFixer:
@@ -138,7 +163,7 @@ class ModelFixer:
             except FileError as error:
                 obstacles, self.has_failed = [(group.models[0], str(error))], True
         if obstacles:
-            attempt, changed = _Attempt(group.texts, [], list(results)), []
+            attempt, changed = _Attempt(group.texts, [], [*map(FixResult, results)]), []
         self.files += [_fixed_file(group, attempt, file) for file in changed]
         return _with_problems(attempt.results, [*problems, *obstacles])
 
@@ -153,10 +178,10 @@ class ModelFixer:
 
     def _proved(self, group: _Group, results: Sequence[ModelCheckResult]) -> tuple[_Attempt, list[str]]:
         """Returns the fixes that pass the proof, all or those of some rules, and the reasons against the others."""
-        best, accepted, problems = _Attempt(group.texts, [], list(results)), list[str](), list[str]()
+        best, accepted, problems = _Attempt(group.texts, [], [*map(FixResult, results)]), list[str](), list[str]()
         whole = self._attempt(group, results, None)
         if not whole.problem:
-            return whole, []
+            return whole, [*whole.refused]
         codes = dict.fromkeys(code for code, _ in whole.fixes)
         for code in codes:
             attempt = self._attempt(group, results, {*accepted, code}) if len(codes) > 1 else whole
@@ -165,43 +190,73 @@ class ModelFixer:
             else:
                 accepted.append(code)
                 best = attempt
-        return best, problems
+        return best, [*problems, *best.refused]
 
     def _attempt(self, group: _Group, results: Sequence[ModelCheckResult], codes: Collection[str] | None) -> _Attempt:
         """Fixes violations of some rules, or of all, in copies, until none is left."""
-        texts, fixes, checked = dict(group.texts), list[tuple[str, Fix]](), [FixResult(result) for result in results]
-        with ExitStack() as stack:
-            mirror, original = stack.enter_context(_Mirror(group)), None
-            seen = [texts]
+        state, refused = _Attempt(dict(group.texts), [], [*map(FixResult, results)]), dict[tuple[str, Fix], str]()
+        with _Mirror(group) as before, _Mirror(group) as after:
             for _ in range(MAX_ROUNDS):
-                proposed = dict(self._proposed(checked, codes))
-                chosen = list(disjoint(proposed))
-                new = _with_edits(texts, chosen)
-                if new == texts:
-                    problem = _problem(results, checked, fixes)
-                    return _Attempt(texts, fixes, [each.result for each in checked], problem)
-                fixes += [proposed[edits] for edits in chosen]
-                for file in _xml_files(fixes):
-                    group.read(file)
-                texts = group.texts | new
-                if texts in seen:
-                    return _Attempt(texts, fixes, [], UNDONE)
-                seen.append(texts)
-                mirror.write(texts, fixes)
-                checked = self._check([*mirror.copies(original)])
-                if original is None and all(each.result.loads and each.changes is None for each in checked):
-                    original = stack.enter_context(_Mirror(group))  # the first version that loads
-                    original.write(texts, fixes)
-        return _Attempt(texts, fixes, [], f"the fixes do not end after {MAX_ROUNDS} rounds; please report it")
+                proposed = self._proposed(state.checked, codes)
+                wanted = {edits: proposal for edits, proposal in proposed.items() if proposal.key not in refused}
+                chosen = list(disjoint(wanted))
+                if _with_edits(state.texts, chosen) == state.texts:
+                    is_done = not state.fixes or any(result.loads for result in state.results)
+                    problem = "" if is_done else f"{results[0].model} would still not load"
+                    reasons = [f"{code} is not fixed: {reason}" for (code, _), reason in refused.items()]
+                    return state._replace(problem=problem, refused=[*dict.fromkeys(reasons)])
+                before.write(group.texts | state.texts, state.fixes)
+                state = self._round(group, state, [wanted[edits] for edits in chosen], refused, (before, after))
+        return state._replace(problem=f"the fixes do not end after {MAX_ROUNDS} rounds; please report it")
+
+    def _round(
+        self,
+        group: _Group,
+        state: _Attempt,
+        proposals: Sequence[_Proposal],
+        refused: dict[tuple[str, Fix], str],
+        mirrors: "tuple[_Mirror, _Mirror]",
+    ) -> _Attempt:
+        """Makes the fixes that pass the proof, and adds the others to `refused`; halves find these among many."""
+        best, accepted, waiting = state, list[_Proposal](), [proposals]
+        while waiting:
+            part = waiting.pop()
+            tried = self._tried(group, state, [*accepted, *part], mirrors)
+            if not tried.problem:
+                best = tried
+                accepted += part
+            elif len(part) == 1:
+                refused[part[0].key] = tried.problem
+            else:
+                waiting += [part[len(part) // 2 :], part[: len(part) // 2]]
+        return best
+
+    def _tried(
+        self, group: _Group, state: _Attempt, proposals: Sequence[_Proposal], mirrors: "tuple[_Mirror, _Mirror]"
+    ) -> _Attempt:
+        """Makes fixes in the second of two mirrors, and compares the models with those in the first."""
+        before, after = mirrors
+        fixes = [*state.fixes, *((proposal.code, proposal.fix) for proposal in proposals)]
+        for file in _xml_files(fixes):
+            group.read(file)
+        texts = group.texts | _with_edits(state.texts, [_real_edits(proposal.fix) for proposal in proposals])
+        after.write(texts, fixes)
+        checked = self._check([*after.copies(before)])
+        return _Attempt(texts, fixes, checked, _problem(state.results, checked, proposals))
 
     def _proposed(
         self, checked: Sequence[FixResult], codes: Collection[str] | None
-    ) -> Iterator[tuple[tuple[TextEdit, ...], tuple[str, Fix]]]:
-        """Yields the edits of each fix that may be made, with the code of its rule."""
-        for finding in (finding for each in checked for finding in each.result.findings):
+    ) -> dict[tuple[TextEdit, ...], _Proposal]:
+        """Returns the fixes that may be made, by their edits."""
+        proposed: dict[tuple[TextEdit, ...], _Proposal] = {}
+        for result, finding in ((each.result, finding) for each in checked for finding in each.result.findings):
             for fix in finding.fixes if codes is None or finding.code in codes else ():
                 if all(self._is_inside(edit.file) for edit in fix.edits):
-                    yield _real_edits(fix), (finding.code, fix)
+                    edits = _real_edits(fix)
+                    changes = proposed[edits].changes if edits in proposed else {}
+                    changes.setdefault(result.model, set()).update(fix.changes)
+                    proposed[edits] = _Proposal(finding.code, fix, changes)
+        return proposed
 
     def _is_inside(self, file: str) -> bool:
         """Returns whether a file is inside the folders that may be changed, after following links."""
@@ -214,6 +269,7 @@ class _Mirror:
     def __init__(self, group: _Group) -> None:
         self._group, self._stack = group, ExitStack()
         self._root = self._stack.enter_context(scratch_folder())
+        self._written: list[Path] = []
 
     def __enter__(self) -> "_Mirror":
         files = [file.absolute() for model in self._group.models for file in source_of(model).files]
@@ -242,11 +298,15 @@ class _Mirror:
         assets = [Path(file) for _, fix in fixes for file in fix.files]
         for file in (*assets, *(file for xml in _xml_files(fixes) for file in source_of(xml).files)):
             self._add(file.absolute())
+        for copy in self._written:  # also files of fixes that were left out
+            copy.unlink(missing_ok=True)
+        self._written.clear()
         for place, real in _places(self._group, fixes).items():
             copy = mirrored(self._root, place)
             copy.parent.mkdir(parents=True, exist_ok=True)
             copy.unlink(missing_ok=True)  # a link leads to the original
             copy.write_bytes(texts[real])
+            self._written.append(copy)
 
     def copies(self, original: "_Mirror | None") -> Iterator[FixedModelCopy]:
         """Yields the copies of the models, to be compared with those in another mirror, or with the models."""
@@ -309,20 +369,24 @@ def _with_edits(texts: Mapping[str, bytes], groups: Sequence[tuple[TextEdit, ...
     return {file: edited(texts.get(file, b""), [edit for edit in edits if edit.file == file]) for file in files}
 
 
-def _problem(before: Sequence[ModelCheckResult], after: Sequence[FixResult], fixes: Sequence[tuple[str, Fix]]) -> str:
+def _problem(before: Sequence[ModelCheckResult], after: Sequence[FixResult], proposals: Sequence[_Proposal]) -> str:
     """Returns the reason why fixes must not be made; empty without one."""
-    allowed = [pattern for _, fix in fixes for pattern in fix.fields]
-    if not fixes:
-        return ""
-    if not any(each.result.loads for each in after):
-        return f"{after[0].result.model} would still not load"
     for old, (new, changes) in zip(before, after, strict=True):
         if old.loads and not new.loads:
             return f"{new.model} would no longer load"
-        for name, owner in changes or ():
-            if not any(fnmatchcase(name, pattern) for pattern in allowed):
-                return f"it would also change {name} of {owner or 'the model'} in {new.model}"
+        allowed = {change for proposal in proposals for change in proposal.changes.get(new.model, ())}
+        for field, owner in changes or ():
+            if not any(_covers(change, field, owner) for change in allowed):
+                return f"it would also change {field} of {owner or 'the model'} in {new.model}"
     return ""
+
+
+def _covers(change: tuple[str, str], field: str, owner: str) -> bool:
+    """Returns whether a fix that may make a change may change a field of an object."""
+    pattern, name = change
+    old = owner.partition(" → ")[0]  # of an object that has another number now
+    is_owner = old.startswith(name[:-1]) if name.endswith("*") else old == name
+    return is_owner and fnmatchcase(field, pattern)
 
 
 def _obstacle(file: str, is_new: bool) -> str:

@@ -34,12 +34,14 @@ class Fix:
 
     Attributes:
       edits: the edits, which are made together or left out together; some may create files.
-      fields: the fields of the compiled model that it may change, with wildcards: `jnt_range`, `geom_*`.
+      changes: what it may change in the compiled model, as pairs of a field, with wildcards, and an object as `mjrun
+        diff` names it: `("jnt_*", "knee")`. `geom` is a new or removed geom; the object `geom:*` is each one without a
+        name, and "" the model.
       files: files that only the fixed model reads.
     """
 
     edits: tuple[TextEdit, ...]
-    fields: tuple[str, ...] = ()
+    changes: tuple[tuple[str, str], ...] = ()
     files: tuple[str, ...] = ()
 
 
@@ -86,7 +88,11 @@ class Finding:
     def read(cls, values: dict[str, Any]) -> "Finding":
         """Returns the finding that `asdict` has turned into `values`."""
         fixes = [
-            Fix(tuple(TextEdit(**edit) for edit in fix["edits"]), tuple(fix["fields"]), tuple(fix["files"]))
+            Fix(
+                tuple(TextEdit(**edit) for edit in fix["edits"]),
+                tuple((field, name) for field, name in fix["changes"]),
+                tuple(fix["files"]),
+            )
             for fix in values["fixes"]
         ]
         made: dict[str, Any] = {"fixes": tuple(fixes), "others": tuple(values["others"])}
@@ -191,14 +197,18 @@ def rule(code: str, severity: str, title: str, fix: str = "") -> Callable[[Viola
 
 
 def words_fix(
-    context: "CheckContext", element: Element | None, attribute: str, words: Mapping[int, str], *fields: str
+    context: "CheckContext",
+    element: Element | None,
+    attribute: str,
+    words: Mapping[int, str],
+    *changes: tuple[str, str],
 ) -> Fix | str:
-    """Returns the fix that replaces words of an attribute, on which these fields of the compiled model depend."""
+    """Returns the fix that replaces words of an attribute, and may change these fields of objects."""
     if not words:
         return NOT_CERTAIN
     if element is None or attribute not in element.attributes:
         return GENERATED
-    return Fix(context.editor.with_words(element, attribute, words), fields)
+    return Fix(context.editor.with_words(element, attribute, words), changes)
 
 
 def _made(fix: MakeFix) -> Fix | str:

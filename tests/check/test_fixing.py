@@ -11,7 +11,7 @@ import mujoco
 import pytest
 
 from mjrun.check.check import ModelCheck, _with_reason
-from mjrun.check.fixing import UNDONE
+from mjrun.check.context import CheckContext
 from mjrun.check.rule import NOT_CERTAIN, FixedModelCopy, FixResult
 from mjrun.check.worker_pool import CheckProcessOutput, CheckProcessPool, CheckRequest
 from mjrun.child_process import ExitStatus
@@ -24,9 +24,9 @@ SWAPPED = 'range="9 -9"'
 RIGHT = 'range="-9 9"'
 
 
-def reasons(*models: str, given: list[str] | None = None) -> list[str]:
+def reasons(*models: str, given: list[str] | None = None, unsafe: bool = False) -> list[str]:
     """Why faults of models are not fixed."""
-    made = fixing(*models, given=given or models)
+    made = fixing(*models, given=given or models, unsafe=unsafe)
     return [f.message for result in made.results for f in result.findings if f.code == "MJ007"]  # type: ignore[attr-defined]
 
 
@@ -53,7 +53,7 @@ def test_a_file_that_is_read_only_after_a_fix_is_fixed_like_the_others(element: 
     assert mujoco.MjModel.from_xml_path(model).jnt_limited[0]
 
 
-def test_a_fix_that_another_model_would_undo_is_not_made() -> None:
+def test_a_fix_that_is_wrong_in_another_model_is_not_made() -> None:
     joint = '<joint name="j" range="-1.57 1.57"/>'
     part = write("part.xml", f'<mujoco><worldbody><body name="b">{joint}<geom size=".1"/></body></worldbody></mujoco>')
     text, include = Path(part).read_text(), f'<include file="{part}"/>'
@@ -61,7 +61,7 @@ def test_a_fix_that_another_model_would_undo_is_not_made() -> None:
     models = [write(f"{unit}.xml", each) for unit, each in texts.items()]
     made = fixing(*models, unsafe=True)
     problems = [f.message for f in made.results[0].findings if f.code == "MJ007"]  # type: ignore[attr-defined]
-    assert problems == [f"MJ305 is not fixed: {UNDONE}"]
+    assert problems == ["MJ305 is not fixed: it would also change jnt_range of j in radian.xml"]
     assert Path(part).read_text() == text
 
 
@@ -306,3 +306,66 @@ def test_a_model_of_a_collection_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "package").mkdir()
     model = write(str(tmp_path / "package/model.xml"), hinged(SWAPPED))
     assert "belongs to a collection" in reasons(model, given=["gym:Model"])[0]
+
+
+def two(joints: tuple[str, str] = ('range="-1 1"', 'range="-1 1"'), after: str = "") -> str:
+    """A model with joints `j` and `n` in radians, each in a body."""
+    other = f'<body pos="9 0 0"><joint name="n" {joints[1]}/><geom size=".1"/></body>'
+    return hinged(joints[0], after=after, before='<compiler angle="radian"/>', world=other)
+
+
+INERTIAL = '<body pos="{} 0 0"><joint/><inertial pos="0 0 0" mass="1" diaginertia="{}"/><geom size=".1"/></body>'
+TENDON = '<fixed name="{}" range="{}"><joint joint="j" coef="1"/></fixed>'
+MOTOR = '<motor name="{}" joint="j" ctrlrange="{}"/>'
+# The rule, a kind of objects, a model whose first one is at fault, and what changes if the second is edited instead.
+NEIGHBOURS = [
+    (
+        "MJ206",
+        "body",
+        mjcf(INERTIAL.format(0, "9 9 9") + INERTIAL.format(5, ".003 .003 .003")),
+        "body_inertia of body:2",
+    ),
+    ("MJ302", "joint", two(('range="1 -1"', 'range="-1 1"')), "jnt_limited of n"),
+    (
+        "MJ302",
+        "tendon",
+        two(after=f"<tendon>{TENDON.format('t', '1 -1')}{TENDON.format('u', '-1 1')}</tendon>"),
+        "tendon_limited of u",
+    ),
+    (
+        "MJ302",
+        "actuator",
+        two(after=f"<actuator>{MOTOR.format('t', '1 -1')}{MOTOR.format('u', '-1 1')}</actuator>"),
+        "actuator_ctrllimited of u",
+    ),
+    ("MJ305", "joint", two(('range="-90 90"', 'range="-1 1"')), "jnt_range of n"),
+    (
+        "MJ402",
+        "keyframe",
+        two(after='<keyframe><key qpos="2 0"/><key qpos="0 0"/></keyframe>'),
+        "key_qpos of keyframe:1",
+    ),
+]
+
+
+@pytest.mark.parametrize(("rule", "kind", "text", "change"), NEIGHBOURS, ids=[f"{a}-{b}" for a, b, *_ in NEIGHBOURS])
+def test_a_fix_that_edits_a_neighbour_is_left_out(
+    rule: str, kind: str, text: str, change: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model = write("model.xml", text)
+    assert fix(model, unsafe=True) == {model: {rule: 1}}
+    element, faulty = CheckContext.element, (kind, kind == "body")
+    monkeypatch.setattr(CheckContext, "element", lambda self, of, i: element(self, of, i + ((of, i) == faulty)))
+    write(model, text)
+    assert reasons(model, unsafe=True) == [f"{rule} is not fixed: it would also change {change} in model.xml"]
+    assert Path(model).read_text() == text
+
+
+@pytest.mark.parametrize("other", ['type="slide"', 'limited="false"'])
+def test_a_default_class_is_left_alone_where_a_joint_without_the_fault_inherits_it(other: str) -> None:
+    right = "".join(f'<body pos="{x} 0 0"><joint range="-90 90"/><geom size=".1"/></body>' for x in (3, 5))
+    default = '<default><default class="c"><joint range="-90 90"/></default></default>'
+    text = two(('class="c"', f'class="c" {other}'), default)
+    model = write("model.xml", text.replace("</worldbody>", f"{right}</worldbody>"))
+    assert reasons(model, unsafe=True) == ["MJ305 is not fixed: it would also change jnt_range of n in model.xml"]
+    assert Path(model).read_text().count('range="-90 90"') == 1

@@ -385,7 +385,8 @@ def _inferred_inertia(context: CheckContext, body: int) -> Fix | str:
     outdated = [name for name in (*ORIENTATIONS, "fullinertia") if name in inertial.attributes and name not in values]
     edits = [context.editor.without(inertial, name) for name in outdated]
     edits += [context.editor.with_value(inertial, name, _numbers(value)) for name, value in values.items()]
-    return Fix(tuple(edits), ("body_inertia", "body_ipos", "body_iquat"))
+    name = context.name("body", body)
+    return Fix(tuple(edits), tuple((field, name) for field in ("body_inertia", "body_ipos", "body_iquat")))
 
 
 def _model_with_inferred_inertia(context: CheckContext, body: int) -> mujoco.MjModel | None:

@@ -188,7 +188,10 @@ def _fix(context: CheckContext, geom: int, elements: _Elements, parts: Sequence[
         edits.append(context.editor.followed_by(elements.geom, pieces))
     else:
         edits.append(context.editor.replaced_by(elements.geom, pieces))
-    return Fix(tuple(edits), ("geom", "geom_*", "mesh", "mesh_*"))
+    own = context.name("geom", geom)
+    added = [f"{own}_part{i}" for i in range(1, len(names) + 1)] if "name" in elements.geom.attributes else ["geom:*"]
+    changes = [("geom_*", own), *(("geom", name) for name in (own, *added)), *(("mesh", name) for name in names)]
+    return Fix(tuple(edits), tuple(changes))
 
 
 def _files(context: CheckContext, geom: int, mesh: Element, parts: Sequence[Surface]) -> Iterator[TextEdit]:

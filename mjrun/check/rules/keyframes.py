@@ -71,7 +71,8 @@ def keyframe_fix(context: CheckContext, key: int, field: str, words: Mapping[int
     """
     if context.place("keyframe", key).origin:
         return GENERATED
-    return words_fix(context, context.element("keyframe", key), field, words, f"key_{field}")
+    change = (f"key_{field}", context.name("keyframe", key))
+    return words_fix(context, context.element("keyframe", key), field, words, change)
 
 
 @rule("MJ403", "warning", "keyframe beyond a control range", fix=UNSAFE)

@@ -13,7 +13,7 @@ from mjrun.check.context import CheckContext
 from mjrun.check.rule import GENERATED, NOT_CERTAIN, SAFE, UNSAFE, Fix, Violation, rule, words_fix
 from mjrun.check.rules.bodies import INFINITE
 from mjrun.errors import option
-from mjrun.model.names import JOINT_TRANSMISSIONS, SCALAR_JOINTS
+from mjrun.model.names import JOINT_TRANSMISSIONS, SCALAR_JOINTS, actuator_parts
 from mjrun.model.text_edits import ElementEditor, number_word
 from mjrun.model.xml_source import ACTUATORS, Element, XmlSource, holder
 
@@ -26,6 +26,7 @@ FIELD_PREFIXES = {"joint": "jnt", "tendon": "tendon", "actuator": "actuator"}
 FIELDS = {"actuatorfrcrange": "actfrcrange"}  # whose names differ from those of the attributes
 ENDINGS = ("range", "limited")
 INHERITED = tuple(f"actuator_{kind}{ending}" for kind in ("ctrl", "act") for ending in ENDINGS)  # with inheritrange
+TRANSMISSIONS = {"joint": JOINT_TRANSMISSIONS, "tendon": (int(mujoco.mjtTrn.mjTRN_TENDON),)}
 # The attributes with ranges, and those that enable them, of joints and tendons, and of actuators.
 LIMITS = {"range": "limited", "actuatorfrcrange": "actuatorfrclimited"}
 ACTUATOR_LIMITS = {"ctrlrange": "ctrllimited", "forcerange": "forcelimited", "actrange": "actlimited"}
@@ -35,7 +36,6 @@ RANGES = {
     "position": (*ACTUATOR_LIMITS.items(), ("inheritrange", "ctrllimited")),
     "intvelocity": (*ACTUATOR_LIMITS.items(), ("inheritrange", "actlimited")),
 }
-SHARED_WITH_SLIDE = "a slide has its range from the same default class"
 INNER = 0.75  # part of a box that is well inside; links may touch beside the hinge
 SAMPLES = 24  # positions of a hinge, at least 15 degrees apart in a full turn
 
@@ -73,9 +73,11 @@ def reversed_ranges(context: CheckContext) -> Iterator[Violation]:
         ("actuator", "forcerange", model.actuator_forcerange, model.actuator_forcelimited),
         ("actuator", "actrange", model.actuator_actrange, model.actuator_actlimited),
     )
+    controls = [actuator for _, actuator in actuator_parts(model, model.actuator_ctrlnum)]
     for kind, attribute, ranges, limited in fields:
-        for i in map(int, np.flatnonzero((ranges[:, 0] > ranges[:, 1]) & (limited == 0))):
-            low, high = ranges[i]
+        for row in map(int, np.flatnonzero((ranges[:, 0] > ranges[:, 1]) & (limited == 0))):
+            low, high = ranges[row]
+            i = controls[row] if attribute == "ctrlrange" else row
             message = f"its {attribute} {low:g} {high:g} is reversed and has no effect"
             remedy = f'write {attribute}="{high:g} {low:g}" (angles in the unit of <compiler angle=…>), or remove it'
             fix = partial(_swapped, context, kind, i, attribute)
@@ -92,9 +94,20 @@ def _swapped(context: CheckContext, kind: str, index: int, attribute: str) -> Fi
     if len(words) != 2:
         return NOT_CERTAIN
     edits = context.editor.with_words(owner, attribute, {0: words[1], 1: words[0]})
-    stem = f"{FIELD_PREFIXES[kind]}_{FIELDS.get(attribute, attribute)[:-5]}"
-    inherited = INHERITED if attribute == "range" else ()
-    return Fix(edits, (*(f"{stem}{ending}" for ending in ENDINGS), *inherited))
+    return Fix(edits, tuple(_changes(context, kind, index, attribute)))
+
+
+def _changes(context: CheckContext, kind: str, index: int, attribute: str) -> Iterator[tuple[str, str]]:
+    """Yields the fields that depend on a range, each with its object: those of actuators that inherit it, too."""
+    model, stem = context.model, f"{FIELD_PREFIXES[kind]}_{FIELDS.get(attribute, attribute)[:-5]}"
+    owner = context.name(kind, index)
+    if attribute == "ctrlrange" and model.actuator_ctrlnum[index] > 1:
+        owner = f"{owner}/*"  # all of its controls
+    yield from ((f"{stem}{ending}", owner) for ending in ENDINGS)
+    if attribute == "range":
+        drives = (model.actuator_trnid[:, 0] == index) & np.isin(model.actuator_trntype, TRANSMISSIONS[kind])
+        for actuator in map(int, np.flatnonzero(drives)):
+            yield from ((field, context.name("actuator", actuator)) for field in INHERITED)
 
 
 @rule("MJ304", "warning", "joint or tendon starts beyond its range")
@@ -150,10 +163,7 @@ def _converted(context: CheckContext, joint: int, words: Sequence[str]) -> Fix |
     """Returns the fix that writes a range in the other unit, in the element or in the default class that sets it."""
     element = context.element("joint", joint)
     owner = holder(element, "range") if element else None
-    slides = [context.element("joint", each) for each in map(int, np.flatnonzero(context.model.jnt_type == SLIDE))]
-    if owner and any(slide and holder(slide, "range") is owner for slide in slides):
-        return SHARED_WITH_SLIDE
-    return words_fix(context, owner, "range", dict(enumerate(words)), "jnt_range", *INHERITED)
+    return words_fix(context, owner, "range", dict(enumerate(words)), *_changes(context, "joint", joint, "range"))
 
 
 def _other_unit(span: np.ndarray, degree: bool) -> tuple[str, str, Sequence[str]] | None:

@@ -352,7 +352,7 @@ def _rewritten(source: XmlSource, element: Element, name: str) -> Fix | str:
     if (element.tag, name, value) == ("compiler", "exactmeshinertia", "true"):
         meshes = [e for e in source.elements() if e.tag == "mesh" and e.parent and e.parent.tag == "asset"]
         exact = [editor.with_value(e, "inertia", "exact") for e in meshes if not holder(e, "inertia")]
-        return Fix((editor.without(element, name, {name}), *exact), ("body_*", "mesh_*"))
+        return Fix((editor.without(element, name, {name}), *exact))
     new = rewritten(element.tag, name, value)
     if new is None:
         return NOT_CERTAIN
@@ -365,7 +365,8 @@ def _rewritten(source: XmlSource, element: Element, name: str) -> Fix | str:
         edits += [editor.with_value(element, name, new[missing[0]])] if new[missing[0]] != value else []
     else:
         edits = [editor.without(element, name), *(editor.with_value(element, other, new[other]) for other in missing)]
-    return Fix(tuple(edits), REWRITTEN_FIELDS.get(element.tag, ()))
+    owner = f"{element.attributes.get('name', f'{element.tag}:')}*"  # <replicate> extends names
+    return Fix(tuple(edits), tuple((field, owner) for field in REWRITTEN_FIELDS.get(element.tag, ())))
 
 
 def _attribute_remedy(element: Element, name: str, node: SchemaElement) -> str:

@@ -347,7 +347,7 @@ def _excluded(context: CheckContext, pairs: Collection[tuple[int, int]]) -> Fix 
         edits = [context.editor.with_child(contact, exclude) for exclude in excludes]
     else:
         edits = [context.editor.with_child(root, "\n  ".join(["<contact>", *excludes]) + "\n</contact>")]
-    return Fix(tuple(edits), ("exclude", "exclude_*", "nexclude"))
+    return Fix(tuple(edits), (("exclude", "exclude:*"),))
 
 
 def _lifted(context: CheckContext, key: int, pairs: Collection[tuple[int, int]]) -> Fix | str:

@@ -18,7 +18,7 @@ from mjrun.model.names import COUNTS, KINDS
 from mjrun.model.text_edits import number_word
 from mjrun.model.xml_source import Element, with_slashes
 
-# Attributes that MuJoCo still reads, the reason against them, and the fields that change without them.
+# Attributes that MuJoCo still reads, the reason against them, and the fields of the model that change without them.
 WITHOUT_EFFECT = "it has no effect any more"
 DEPRECATED = {
     ("size", "njmax"): (f"{WITHOUT_EFFECT}: MuJoCo allocates memory as needed", ("njmax", "narena")),
@@ -51,7 +51,7 @@ def _modern(context: CheckContext, element: Element, attribute: str) -> Fix:
     if attribute != "directional" or element.attributes[attribute] != "true":
         fields = chain.from_iterable(deprecated.values())
         removed = () if element.tag == "light" else deprecated  # a light without attributes is one
-        return Fix((context.editor.without(element, attribute, removed),), tuple(fields))
+        return Fix((context.editor.without(element, attribute, removed),), tuple((field, "") for field in fields))
     renamed = context.editor.renamed(element, attribute, "type")
     return Fix((renamed, context.editor.with_value(element, attribute, attribute)))
 

@@ -225,6 +225,21 @@ def test_without_the_library_the_finding_states_what_to_install_and_other_faults
     assert all(reason.endswith("pip install 'mjrun[coacd]'") for reason in reasons)
 
 
+@pytest.mark.parametrize("named", [True, False])
+@pytest.mark.usefixtures("coacd")
+def test_parts_in_place_of_another_geom_of_the_mesh_are_refused(named: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    names = ('name="tray"', 'name="other"') if named else ("", "")
+    geoms = "".join(
+        f'<geom {name} type="mesh" mesh="tray" pos="{x} 0 0"/>' for name, x in zip(names, (0, 5), strict=True)
+    )
+    model, element = write("model.xml", text := mjcf(geoms + IN_TRAY, before=ASSET)), CheckContext.element
+    wrong = {("geom", 0): 1}
+    monkeypatch.setattr(CheckContext, "element", lambda self, kind, i: element(self, kind, wrong.get((kind, i), i)))
+    made = fixing(model, unsafe=True)
+    assert (made.files, Path(model).read_text()) == ([], text)
+    assert {f.code for f in made.results[0].findings} >= {"MJ007", "MJ506"}  # type: ignore[attr-defined]
+
+
 @pytest.mark.usefixtures("coacd")
 def test_a_file_of_the_same_name_is_not_replaced() -> None:
     other = write("meshes/tray_part2.obj", "# mine")

@@ -21,6 +21,7 @@ MOTOR = '<actuator><motor name="m" joint="j" {}/></actuator>'
         (hinged('actuatorfrcrange="1 -1"'), "1 -1", "-1 1"),
         (hinged(after=MOTOR.format("ctrlrange='2\n1'")), "2\n1", "1\n2"),
         (hinged(after=MOTOR.format('forcerange="2 1"')), "2 1", "1 2"),
+        (hinged(after='<actuator><pid joint="j" ctrllimited="false" ctrlrange="2 1"/></actuator>'), "2 1", "1 2"),
         (hinged(after='<tendon><fixed range="2 1"><joint joint="j" coef="1"/></fixed></tendon>'), "2 1", "1 2"),
     ],
 )
