@@ -24,6 +24,7 @@ from mjrun.formats.temporary_output import (
     TRIES,
     remove_left_behind,
     require_no_dangling_link,
+    require_short,
     scratch_folder,
     temporary_file,
 )
@@ -59,7 +60,9 @@ class LocalFolder:
         Args:
           is_cleaned: removes what ended processes have left in it.
         """
-        require_no_dangling_link(self._path, Path(os.path.realpath(self._path)))
+        target = Path(os.path.realpath(self._path))
+        require_short(self._path, target)
+        require_no_dangling_link(self._path, target)
         with file_errors(self.path(), "made"):
             _make(self._path)
         if not os.access(self._path, os.W_OK | os.X_OK) and exists(self._path):  # or it has just been removed

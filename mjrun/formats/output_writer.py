@@ -42,7 +42,6 @@ from mjrun.shared_status import completing, note_folder, uninterrupted
 
 FRAME_NAME = "%06d.png"
 NUMBER = r"%(\d*)d"  # of a frame, in a pattern
-NAME_MAX = 255  # bytes in the name of a file
 
 
 class Destination:
@@ -306,9 +305,7 @@ def no_space(text: str) -> bool:
 
 
 def _parents(shown: Path, target: Path) -> ParentFolders:
-    """Returns the folders of an output, after checking its name and the confinement."""
-    if len(os.fsencode(shown.name)) > NAME_MAX:
-        raise FileError(shown, f"cannot be written: its name is longer than {NAME_MAX} bytes")
+    """Returns the folders of an output, after checking the confinement."""
     if not is_writable(target):
         raise FileError(shown, f"is outside the folders of the outputs, and {option('untrusted')} writes nowhere else")
     return ParentFolders(shown, target.parent)

@@ -31,6 +31,7 @@ from mjrun.shared_status import note_folder, note_made_folder, uninterrupted
 
 NAME = re.compile(r"\..+\.mjrun-([0-9a-f]{8})[0-9a-f]{8}\.part(\.\w+)?")
 NO_LOCKS = (errno.EBADF, errno.EINVAL, errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)  # a file system without locks
+NAME_MAX = 255  # bytes of a name
 LONGEST = 200  # bytes of a name that can still be extended
 OTHER_FOLDER = "set TMPDIR to another folder"
 WEEK = 7 * 24 * 3600  # [s]
@@ -248,6 +249,7 @@ class ParentFolders:
     """
 
     def __init__(self, shown: Path, folder: Path) -> None:
+        require_short(shown, folder / shown.name)
         self._shown = shown
         self._folder = folder
         self._used: list[Path] = []
@@ -322,6 +324,14 @@ class ParentFolders:
             fault = f"the folder {clean(str(self._folder))} is not writable"
         if fault and exists(self._folder):  # another process may just have removed it
             raise FileError(self._shown, fault)
+
+
+def require_short(path: Path, target: Path) -> None:
+    """Raises FileError if the system allows no path as long as `target`, where `path` leads, or no such name in it."""
+    if any(len(os.fsencode(name)) > NAME_MAX for name in target.parts):
+        raise FileError(path, f"cannot be written: a name in it is longer than {NAME_MAX} bytes")
+    if len(os.fsencode(unused_name(target))) > system.PATH_MAX:
+        raise FileError(path, f"cannot be written: its path is too long; the system allows {system.PATH_MAX:,} bytes")
 
 
 def require_no_dangling_link(path: Path, folder: Path) -> None:

@@ -21,6 +21,7 @@ PROMISE = signal.SIGUSR1  # by which a process calls for the one that reads its 
 READ_FLAGS = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC  # to open a file that may turn out to be a pipe
 FOLDER_FLAGS = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
 LAST_SECONDS = 5  # of computing, from the signal of the soft limit to the hard one
+PATH_MAX = os.pathconf("/", "PC_PATH_MAX") - 1  # bytes of a path, without the null character at its end
 STATUS = Path("/proc/self/statm")
 BOOT = Path("/proc/sys/kernel/random/boot_id")
 

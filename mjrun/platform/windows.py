@@ -22,6 +22,7 @@ PASSES_DESCRIPTORS = False
 SIGNALS = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGBREAK") if hasattr(signal, name)
 )  # the last is Ctrl-Break, and the closing of a console
+PATH_MAX = 32_766  # characters of a path, if the system is set up for long ones; otherwise it refuses them itself
 CP_UTF8 = 65001
 READ_FLAGS = os.O_RDONLY | getattr(os, "O_BINARY", 0) | getattr(os, "O_NOINHERIT", 0)
 

@@ -56,6 +56,12 @@ def folder(request: pytest.FixtureRequest, tmp_path: Path) -> Folder:
     return folder_at(urls[request.param])
 
 
+def test_no_folder_is_made_where_a_name_is_too_long(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="a name in it is longer than 255 bytes"):
+        folder_at(f"{tmp_path}/new/{'x' * 300}/study").create()
+    assert not [*tmp_path.iterdir()]
+
+
 @pytest.fixture
 def unsteady(monkeypatch: pytest.MonkeyPatch) -> Iterator[Folder]:
     fsspec.register_implementation("unsteady", Unsteady, clobber=True)

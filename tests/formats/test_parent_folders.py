@@ -101,7 +101,7 @@ def test_where_a_folder_cannot_be_made_none_is_left(tmp_path: Path) -> None:
     (tmp_path / "circle").symlink_to("circle")
     before, long = names(tmp_path), "x" * 300
     for path, message in (
-        (f"new/{long}/a", f"the folder {tmp_path}/new/{long} cannot be created: File name too long"),
+        (f"new/{long}/a", "cannot be written: a name in it is longer than 255 bytes"),
         ("file/new/film", f"{tmp_path}/file is not a folder"),
         ("file/film", f"{tmp_path}/file is not a folder"),
         ("gone/film", f"the link {tmp_path}/gone leads to a missing folder, {tmp_path}/nowhere"),
@@ -113,6 +113,15 @@ def test_where_a_folder_cannot_be_made_none_is_left(tmp_path: Path) -> None:
             StagedFile(tmp_path / path)
         assert message in str(caught.value)
         assert names(tmp_path) == before
+
+
+@KINDS
+def test_no_folder_is_made_for_a_path_that_is_too_long(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, make: Callable[[Path], Destination], name: str
+) -> None:
+    monkeypatch.setattr(temporary_output, "_make", lambda folder: pytest.fail(str(folder)))
+    with pytest.raises(FileError, match=r"too long; the system allows [\d,]+ bytes"):
+        make(tmp_path / ("a/" * 3000) / name)
 
 
 @needs_permissions
