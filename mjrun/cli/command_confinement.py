@@ -18,10 +18,12 @@ from mjrun.confinement.confinement import Confinement
 from mjrun.confinement.self_confinement import confine, with_temporary
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, FileError, OutOfMemoryError, UnknownNameError, UsageError, clean, option
+from mjrun.formats.input_file import exists, is_file, is_folder
 from mjrun.formats.temporary_output import ParentFolders
 from mjrun.options.bench import SUMMARY
 from mjrun.options.every_command import DEFAULT_LIMITS, FILE, MEMORY, TIME, ConfinementOptions
 from mjrun.options.kinds import AnyKind, OneOrMoreKind, PathKind
+from mjrun.options.sweep import MANIFEST
 from mjrun.platform import system
 from mjrun.platform.cores import available_cores
 from mjrun.shared_status import ConfinementPromise
@@ -63,7 +65,7 @@ def confined(context: click.Context, options: ConfinementOptions) -> Generator[C
     paths = _named_paths(context)
     # The confined process cannot create them. They are never released here: its parent removes the empty ones.
     for folder, name in paths.written.items():
-        if not os.path.exists(folder):  # noqa: PTH110 – also of names that are too long
+        if not exists(folder):
             ParentFolders(Path(name), Path(folder))
     wanted = with_temporary(_confinement(paths))
     shared_status.make_promise(ConfinementPromise(wanted.temporary, [*wanted.written], limits[TIME]))
@@ -177,16 +179,18 @@ def _add_argument(paths: _Paths, argument: click.Argument, text: str) -> None:
     model = named if named and (refers or not named.tables) else None
     if model and text == "-":
         paths.roots[_real(".")] = None
-    elif model and colon and prefix == SCENE and not Path(text).exists():
+    elif model and colon and prefix == SCENE and not exists(text):
         from mjrun.platform.installation import scene_folder
 
         paths.roots[_real(scene_folder())] = None
-    elif model and Path(text).is_dir():
+    elif model and is_folder(text):
         paths.roots[_real(text)] = None
         if model.written:
             paths.written[_real(text)] = text
     else:
-        _add_file(paths, text if Path(file).exists() or "=" not in text else text.partition("=")[2])
+        _add_file(paths, text if exists(file) or "=" not in text else text.partition("=")[2])
+        if named and named.tables and is_file(Path(file).parent / MANIFEST):  # a table of a study, which has others
+            paths.files[_real(Path(file).parent)] = None
         if model and refers:
             paths.roots[_real(Path(file).parent)] = None
         if model and has_demonstration:
@@ -206,10 +210,12 @@ def _add_file(paths: _Paths, text: str) -> None:
 
 
 def _add_files_in(paths: _Paths, text: str) -> None:
-    """Adds the existing files that a value names: `FILE`, `@FILE`, or settings such as `trace=FILE,map=FILE`."""
+    """Adds the files that a value names: `FILE`, `@FILE`, or settings such as `trace=FILE,map=FILE`."""
     for each in (text.removeprefix("@"), *(part.rpartition("=")[2] for part in text.split(","))):
         with suppress(OSError, ValueError):
-            if Path(split_episode(each)[0]).exists():
+            path = Path(split_episode(each)[0])
+            is_like_a_file = path.suffix[1:2].isalpha() or ("/" in each and path.parent.is_dir())
+            if path.exists() or (is_like_a_file and not {",", "="} & {*each}):
                 _add_file(paths, each)
 
 

@@ -51,14 +51,15 @@ main()
 
 @pytest.fixture
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with a model in `model`, a table in `tables` and a folder `out`, in which commands run."""
-    for folder in ("model", "tables", "out"):
+    """A folder with a model in `model`, a table in `tables`, a `study` and a folder `out`, in which commands run."""
+    for folder in ("model", "tables", "out", "study"):
         (tmp_path / folder).mkdir()
     (tmp_path / "model/m.xml").write_text(MODEL)
     (tmp_path / "model/doc.yaml").write_text("model: m.xml\n")
     (tmp_path / "tables/ctrl.csv").write_text("time,ctrl/a\n0,0\n")
     write_demonstrations(tmp_path / "model/d.hdf5", {"demo_1": recorded_states()})
-    (tmp_path / "tables/d.hdf5").touch()
+    for file in ("tables/d.hdf5", "study/study.json", "study/results.csv"):
+        (tmp_path / file).touch()
     monkeypatch.chdir(tmp_path)
     (tmp_path / "tables/ci.md").touch()
     monkeypatch.setenv("GITHUB_STEP_SUMMARY", "tables/ci.md")
@@ -84,6 +85,12 @@ def test_what_a_line_names_is_what_its_process_may_touch(
     assert found["roots"] == roots
     assert sorted(set(found["files"]) - beside) == files
     assert found["written"] == written
+
+
+@pytest.mark.usefixtures("place")
+@pytest.mark.parametrize("name", ["info", "plot"])
+def test_a_name_that_is_too_long_is_that_of_no_file(name: str) -> None:
+    assert places(name, "x" * 5000, *["-o", "p.png"] * (name == "plot")).get("files") == []
 
 
 def mjrun(*line: str) -> subprocess.CompletedProcess[str]:
@@ -199,7 +206,6 @@ def test_every_command_that_reads_files_has_the_option() -> None:
 
 @pytest.mark.slow
 def test_tables_and_studies_of_strangers_are_plotted_from_where_they_lie(place: Path) -> None:
-    (place / "study").mkdir()
     (place / "study/results.parquet").symlink_to("/etc/hostname")
     made = mjrun("plot", "tables/ctrl.csv", "-o", "out/p.png", "--untrusted", "--json")
     assert made.returncode == 0, made.stderr
