@@ -4,6 +4,7 @@ A class takes facts and writes the message; the command line prints it in one pl
 the problem and its place; further lines list valid choices and what to do next.
 """
 
+import errno
 import math
 import re
 import signal
@@ -16,6 +17,7 @@ from types import TracebackType
 from typing import Any, NamedTuple, cast
 
 from mjrun.dataclass import dataclass
+from mjrun.platform import system
 from mjrun.platform.installation import install_command, pip
 
 LISTED = 24  # names shown before a list is cut
@@ -31,6 +33,8 @@ LINE = 4096  # characters of a line of a message
 _OPTION = re.compile("\x02([a-z_]*)\x03")
 _POINTER = re.compile(r"\n  .*\n +\^(?=\n|$)")  # a line of an expression, and a caret below it
 
+NO_MEMORY = "Could not allocate memory"  # MuJoCo's message when it creates an MjData
+NO_THREAD = ("can't start new thread", "thread constructor failed")  # messages of Python and of C++
 ARENA = "narena ="  # part of MuJoCo's message when the memory reserved by the model is too small
 Spelling = Callable[[str], str]
 OptionPath = tuple[str | int, ...]
@@ -729,7 +733,37 @@ def file_errors(path: Path | str, how: str = "read", unless: type[OSError] | tup
     except unless:
         raise
     except OSError as error:
-        raise FileError(path, f"cannot be {how}: {error.strerror or error}") from None
+        advice = _more_files(error.errno)
+        raise FileError(path, f"cannot be {how}: {error.strerror or error}", advice) from None
+
+
+class SystemLimitError(MjrunError):
+    """A file, a process or a thread that the system refuses because there are too many."""
+
+    exit_code = 7
+
+
+def system_limit(error: BaseException) -> MjrunError | None:
+    """Returns the error of the limit of the system that an exception reports; None for other exceptions."""
+    number, reason = (error.errno, error.strerror) if isinstance(error, OSError) else (None, str(error))
+    if isinstance(error, MemoryError) or number == errno.ENOMEM or NO_MEMORY in str(error):
+        return OutOfMemoryError(str(error))
+    if advice := _more_files(number):
+        return SystemLimitError(f"{reason}\n{advice}")
+    # The error of a write that would block has the number of written bytes, that of a process has none.
+    no_process = number == errno.EAGAIN and not hasattr(error, "characters_written")
+    if no_process or any(text in str(error) for text in NO_THREAD):
+        advice = f"`ulimit -u` and the container limit how many a user may have; {option('jobs')} 1 needs fewest"
+        return SystemLimitError(f"the system starts no other process or thread: {reason}\n{advice}")
+    return None
+
+
+def _more_files(number: int | None) -> str:
+    """Returns how to open more files after an error of this number; empty for other errors."""
+    if number == errno.EMFILE:
+        most = system.most_open_files()
+        return f"this process may have {most:,} open files; `ulimit -n {max(1024, 4 * most)}` allows more"
+    return "all processes of this machine together have as many as it allows" if number == errno.ENFILE else ""
 
 
 class CellError(FileError):

@@ -72,6 +72,7 @@ CODES = {
     "DrawError": 5,
     "EncoderError": 6,
     "FileError": 7,
+    "SystemLimitError": 7,
 }
 DOCUMENTED = {1, 2, 3, 4, 5, 6, 7, 8}
 CLASSES = [c for _, c in inspect.getmembers(errors, inspect.isclass) if issubclass(c, MjrunError)]

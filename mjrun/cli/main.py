@@ -22,11 +22,11 @@ from mjrun.errors import (
     FailureReport,
     FileError,
     MjrunError,
-    OutOfMemoryError,
     TerminatedError,
     clean,
     quoted,
     suggestion,
+    system_limit,
 )
 from mjrun.platform import system
 from mjrun.shared_status import interrupt, note_heard
@@ -36,7 +36,6 @@ from mjrun.version import __version__
 if TYPE_CHECKING:
     from mjrun.cli.click_command import DeclaredCommand
 
-NO_MEMORY = "Could not allocate memory"  # MuJoCo's message when it creates an MjData
 BUG = 70  # the exit code
 FINALIZER = "finalize.__call__"  # the qualified name of what calls the finalizers of `weakref`
 RETRY = 0.005  # [s] from a signal in a finalizer to the next attempt
@@ -216,8 +215,8 @@ def _failure(error: BaseException) -> FailureReport:
         case EndRequestedError():
             return FailureReport("TerminatedError", _with_notes(f"ended by {error}", error), error.exit_code)
         case Exception():
-            if isinstance(error, MemoryError) or NO_MEMORY in str(error):  # of a FatalError or a ValueError
-                return FailureReport.of(OutOfMemoryError(str(error)))
+            if (limit := system_limit(error)) is not None:
+                return FailureReport.of(limit)
             from mjrun.packages import cause_of
 
             if (cause := cause_of(error)) is not None:

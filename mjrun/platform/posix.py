@@ -75,6 +75,13 @@ def set_limits(
             resource.setrlimit(kind, (int(soft), int(lasting) if hard else highest))
 
 
+def most_open_files() -> int:
+    """Returns how many files and other descriptors this process may have."""
+    import resource
+
+    return resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+
+
 def process_options(descriptors: Sequence[int]) -> PopenArguments:
     """Returns the arguments of `Popen` for a process in a separate session that inherits `descriptors`."""
     return {"pass_fds": descriptors, "start_new_session": True}

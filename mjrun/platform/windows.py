@@ -60,6 +60,11 @@ def set_limits(
     """Does nothing: a process cannot limit itself."""
 
 
+def most_open_files() -> int:
+    """Returns how many files this process may have open."""
+    return 8192
+
+
 def process_options(descriptors: Sequence[int]) -> PopenArguments:
     """Returns the arguments of `Popen` for a process that Ctrl-C in this console does not reach.
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from mjrun.confinement.confinement import require_unconfined
-from mjrun.errors import MjrunError, UsageError, clean, option
+from mjrun.errors import MjrunError, UsageError, clean, option, system_limit
 from mjrun.formats.local_and_remote_folders import Folder, LocalFolder
 from mjrun.options.sweep import EXTRAS
 from mjrun.packages import require
@@ -200,6 +200,7 @@ def completed(
 
     Raises:
       ExecutorEndedError: the engine has ended.
+      SystemLimitError, OutOfMemoryError: this process can open no more files, or start no more processes.
     """
     running = dict[Future[ChunkResult], PointChunk]()
     again = deque[PointChunk]()
@@ -220,6 +221,7 @@ def completed(
                 try:
                     running[executor.submit(run_chunk, chunk)] = chunk
                 except Exception as error:  # of whatever kind: RuntimeError, ClosedClientError
+                    _require_within_limits(executor, error)
                     end = _reason(error)
                     break
         if is_over() and isinstance(executor, ThreadPoolExecutor | SlurmExecutor):  # which know what has begun
@@ -251,6 +253,7 @@ def completed(
                     again.extend(parts)
                     lost(chunk, error)
                     continue
+                _require_within_limits(executor, error)
                 reason = f"{error}" if isinstance(error, LostJobError) else _reason(error)
                 result = chunk.failed(f"the engine lost it: {reason}")
             if result.lacks_files and chunk.contents is None:
@@ -264,6 +267,12 @@ def completed(
         yield arrived
         if end:
             raise ExecutorEndedError(end)
+
+
+def _require_within_limits(executor: Executor, error: Exception) -> None:
+    """Raises the error of a limit of this process, which its points have not caused."""
+    if isinstance(executor, ThreadPoolExecutor) and (limit := system_limit(error)):
+        raise limit from error
 
 
 def _reason(error: Exception) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import marshal
 import os
@@ -334,6 +335,13 @@ def test_json_has_an_error_for_every_exit_code(
         (EncoderError("it failed", "log"), 6, "EncoderError"),
         (KeyError("x"), 70, "InternalError"),
         (MemoryError(), 3, "OutOfMemoryError"),
+        (OSError(errno.ENOMEM, "Cannot allocate memory"), 3, "OutOfMemoryError"),
+        (OSError(errno.EMFILE, "Too many open files"), 7, "SystemLimitError"),
+        (OSError(errno.ENFILE, "Too many open files in system"), 7, "SystemLimitError"),
+        (BlockingIOError(errno.EAGAIN, "Resource temporarily unavailable"), 7, "SystemLimitError"),
+        (BlockingIOError(errno.EAGAIN, "write could not complete without blocking", 0), 70, "InternalError"),
+        (RuntimeError("can't start new thread"), 7, "SystemLimitError"),
+        (ValueError("thread constructor failed: Resource temporarily unavailable"), 7, "SystemLimitError"),
         (KeyboardInterrupt(), 130, "KeyboardInterrupt"),
         (TerminatedError(signal.SIGTERM), 143, "TerminatedError"),
     ],

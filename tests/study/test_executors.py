@@ -1,5 +1,6 @@
 """Real engines, and a stand-in for Slurm, give the same results; chunks take seconds for any cost of points."""
 
+import errno
 import operator
 import os
 import re
@@ -20,13 +21,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mjrun.errors import MissingExtraError, UsageError
+from mjrun.errors import MissingExtraError, MjrunError, OutOfMemoryError, SystemLimitError, UsageError
 from mjrun.options.sweep import ExecutionOptions
 from mjrun.simulation.simulation import Simulation
 from mjrun.study import clusters
 from mjrun.study.clusters import LostJobError, SlurmExecutor, most_jobs
 from mjrun.study.executors import GROWTH, MOST, QUEUED, SECONDS, ChunkSizes, completed, open_executor, process_count
-from mjrun.study.isolation import run_chunk
+from mjrun.study.isolation import LocalExecutor, run_chunk
 from mjrun.study.simulate import PointSimulator
 from mjrun.study.spec import ChunkResult, PointChunk, ShippedStudy, StudyPoint, StudySpec
 from tests.cases import cases
@@ -329,6 +330,25 @@ def test_a_point_that_reaches_the_time_limit_alone_has_failed(ball: Simulation) 
     arrived = [each for some in completed(OverTime(), iter([chunk]), 4, lambda _: "") for each in some]
     assert sorted(len(part.points) for part, _ in arrived) == [1, 1, 1]
     assert all("; raise the time of jobs, or limit" in result.results[0].message for _, result in arrived)
+
+
+@pytest.mark.parametrize(
+    ("error", "expected"),
+    [
+        (OSError(errno.EMFILE, "Too many open files"), SystemLimitError),
+        (RuntimeError("can't start new thread"), SystemLimitError),
+        (MemoryError(), OutOfMemoryError),
+    ],
+)
+def test_a_limit_of_this_process_ends_a_study_and_is_no_result(
+    chunks: list[PointChunk], monkeypatch: pytest.MonkeyPatch, error: Exception, expected: type[MjrunError]
+) -> None:
+    def fail(chunk: PointChunk) -> ChunkResult:
+        raise error
+
+    monkeypatch.setattr("mjrun.study.executors.run_chunk", fail)
+    with LocalExecutor(1) as executor, pytest.raises(expected):
+        [*completed(executor, iter(chunks), 1, lambda _: "")]
 
 
 def test_a_job_that_slurm_refuses_is_reported(tmp_path: Path, cluster: Path) -> None:
