@@ -30,6 +30,11 @@ class CurvePoints:
     x: np.ndarray
     y: np.ndarray
 
+    def is_same(self, other: "CurvePoints") -> bool:
+        """Returns whether two curves are identical, and visible."""
+        pairs = ((self.x, other.x), (self.y, other.y))
+        return bool(np.isfinite(self.y).any()) and all(np.array_equal(*pair, equal_nan=True) for pair in pairs)
+
 
 class XRangeFilter:
     """A filter of the samples that lines within a range of x need, with gaps in place of the others.
@@ -354,12 +359,23 @@ class DrawnCurve:
       name: name in the legend.
       colour: index in the palette.
       variant: variant of the line's pattern, 0 if the colour suffices.
+      turn: place among the curves that coincide, and their number: their dashes alternate along one line.
     """
 
     name: str
     points: CurvePoints
     colour: int
     variant: int = 0
+    turn: tuple[int, int] = (0, 1)
+
+
+def in_turn(curves: Sequence[DrawnCurve]) -> list[DrawnCurve]:
+    """Returns curves with their place among those that are identical to them."""
+    drawn = list[DrawnCurve]()
+    for number, curve in enumerate(curves):
+        same = [index for index, other in enumerate(curves) if other.points.is_same(curve.points)]
+        drawn.append(replace(curve, turn=(same.index(number), len(same))) if same else curve)
+    return drawn
 
 
 @dataclass(frozen=True)
@@ -377,6 +393,11 @@ class DrawnPanel:
     marks: Sequence[ReferenceLine]
     limits: Range | None = None
     axis_label: str = ""
+
+    @property
+    def coinciding(self) -> list[str]:
+        """The names of curves that coincide with others."""
+        return [curve.name for curve in self.curves if curve.turn[1] > 1]
 
     @property
     def y(self) -> ParameterAxis:

@@ -28,6 +28,7 @@ from mjrun.plotting.figure_data import (
     Envelope,
     PanelGrid,
     XRangeFilter,
+    in_turn,
     panel_grid,
 )
 from mjrun.probe.derived import derived_units
@@ -288,6 +289,8 @@ class FigurePlan:
                 label = f"{label} {curve.name}" if several and len(panel.curves) > 1 else label
                 colour, variant = (table, number) if several else (number, 0)
                 curves.append(DrawnCurve(label, drawn[index, number], colour, variant))
+        if several:
+            curves = in_turn(curves)
         marks = [mark for mark in self.marks if not mark.vertical and mark.panel in (None, index + 1)]
         ylabel = self.ylabels.get(index, "")
         return DrawnPanel(panel.label, curves, index in self.log_y, marks, self.ylim.get(index), ylabel)

@@ -70,7 +70,7 @@ def _furnish(canvas: MatplotlibFigure, axes: Axes, drawing: DrawnFigure, panel: 
     for line in panel.marks:
         axes.axhline(line.value, color=rgb(theme.ink), linewidth=1.3 * canvas.hair, dashes=(5, 3), zorder=1.5)
     for curve in reversed(panel.curves):  # the first on top
-        drawn = curve_line(theme, curve.colour, curve.variant)
+        drawn = curve_line(theme, curve.colour, curve.variant, turn=curve.turn)
         drawn.set_data(curve.points.x, curve.points.y)
         axes.add_line(drawn)
         alone = _isolated(curve.points.y)

@@ -31,6 +31,7 @@ ACROSS, UP = (5.0, 10), (2.3, 8)  # room for a tick along the axis [em], and max
 LONGEST_CATEGORY = 9  # maximum width of a category's name on a vertical axis [em]
 DECADES = 8  # maximum number of decades of a logarithmic axis with minor ticks
 FEW_DOTS = 50  # maximum number of dots that are large
+TURN = 5  # length of the dashes of coinciding curves, in widths of the line
 WHOLE = 8  # maximum number of categories on a horizontal axis with all names shown
 
 
@@ -170,10 +171,18 @@ class MatplotlibFigure:
         return clean(text) if self._any_letter else _drawable(clean(text))
 
 
-def curve_line(theme: Theme, colour: int, variant: int = 0, opacity: float = 1.0) -> Line2D:
-    """Returns an empty line in the style of a curve."""
-    line = Line2D([], [], color=rgb(theme.colour(colour)), alpha=opacity)
-    if pattern := theme.pattern(colour, variant):
+def curve_line(
+    theme: Theme, colour: int, variant: int = 0, opacity: float = 1.0, turn: tuple[int, int] = (0, 1)
+) -> Line2D:
+    """Returns an empty line in the style of a curve.
+
+    Args:
+      turn: place among the curves that coincide, and their number: their dashes alternate.
+    """
+    line, (place, count) = Line2D([], [], color=rgb(theme.colour(colour)), alpha=opacity), turn
+    if count > 1:
+        line.set_linestyle((-place * TURN, (TURN, (count - 1) * TURN)))
+    elif pattern := theme.pattern(colour, variant):
         line.set_linestyle((0, pattern))
     return line
 

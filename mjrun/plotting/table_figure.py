@@ -101,7 +101,15 @@ class TableFigure:
         """Returns notes for the user."""
         without = [path for path, c in zip(self._paths, self._collectors, strict=True) if not c.has_curves]
         missing = [f"none of the curves is in {listing(without)}"] if without else []
-        return [*self.plan.notes, *missing, *(text for c in self._collectors for text in c.notes())]
+        panels = dict[str, list[str]]()
+        for panel in self.drawing().panels:
+            if panel.coinciding:
+                panels.setdefault(listing(panel.coinciding), []).append(panel.label)
+        hidden = [
+            f"{listing(labels)}: curves coincide, and their dashes alternate: {names}"
+            for names, labels in panels.items()
+        ]
+        return [*self.plan.notes, *missing, *hidden, *(text for c in self._collectors for text in c.notes())]
 
     def for_page(self) -> PageFigure:
         """Returns the figure for a page, which has room below rather than beside."""

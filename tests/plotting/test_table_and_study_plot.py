@@ -97,6 +97,15 @@ def test_tables_are_overlaid_by_what_differs_in_their_names(tmp_path: Path) -> N
     assert notes == []
 
 
+def test_identical_curves_of_tables_alternate_and_are_named(tmp_path: Path) -> None:
+    for name, end in (("one", 2), ("two", 2), ("three", 3)):
+        (tmp_path / f"{name}.csv").write_text(f"time,a,b,c\n0,1,nan,{end}\n1,{end},nan,2\n")
+    result = TablePlot([tmp_path / f"{name}.csv" for name in ("one", "two", "three")], tmp_path / "p.svg").run()
+    assert result.notes[0] == "a, c: curves coincide, and their dashes alternate: one, two"
+    assert not [note for note in result.notes[1:] if "coincide" in note]
+    assert (tmp_path / "p.svg").read_text().count("stroke-dasharray") == 4
+
+
 def test_columns_that_are_not_shown_may_hold_anything(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_text("time,who,v\n0,me,1\n1,you,\n2,me,3\n")

@@ -46,7 +46,6 @@ FALLING = 0.1  # negative rank correlation from which a ring is on the side of i
 THICK = 0.62  # height of a bar, as a share of its row
 OPACITIES = (0.16, 0.26)  # of the bands, from wide to narrow, where they add up
 BANDS = ("5–95 %", "25–75 %")
-TURN = 5  # length of the dashes of coinciding curves, in widths of the line
 RUG = 0.55  # height of a mark at the bottom [em]
 MANY = 400  # number of dots above which they are drawn faintly
 COLOUR_MAP = "viridis"  # perceptually uniform
@@ -291,10 +290,7 @@ def _series(canvas: MatplotlibFigure, axes: Axes, series: Series) -> None:
     if series.joined:
         for band, opacity in zip(series.bands, OPACITIES, strict=False):
             axes.fill_between(series.x, band.low, band.high, color=colour, alpha=opacity, linewidth=0)
-        line = curve_line(canvas.theme, series.colour, opacity=series.opacity)
-        place, count = series.turn
-        if count > 1:
-            line.set_linestyle((-place * TURN, (TURN, (count - 1) * TURN)))
+        line = curve_line(canvas.theme, series.colour, opacity=series.opacity, turn=series.turn)
         line.set_data(series.x, series.y)
         axes.add_line(line)
     else:
