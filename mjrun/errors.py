@@ -330,6 +330,17 @@ def concerning(*path: str | int) -> Generator[None]:
         raise
 
 
+@contextmanager
+def attributing(name: str, determining: str) -> Generator[None]:
+    """Attributes a UsageError in the `with` block about the option `name`, or about none, to the one that sets it."""
+    try:
+        yield
+    except UsageError as error:
+        if error.path[:1] in ((), (name,)):
+            error.path = (determining, *error.path[1:])
+        raise
+
+
 def _choices(name: str, valid: Sequence[str]) -> str:
     """Lists valid names; of many, those of the same group, or else the groups: `qpos/*`."""
     if len(valid) <= LISTED:

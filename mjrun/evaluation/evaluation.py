@@ -40,12 +40,13 @@ from mjrun.formats.input_file import is_file
 from mjrun.formats.local_and_remote_folders import LocalFolder, require_own_folder
 from mjrun.formats.output_writer import OutputWriter, publish_together
 from mjrun.formats.study_reader import check_result_folder, read_results
+from mjrun.formats.temporary_output import scratch_folder
 from mjrun.model.source import ModelSource
 from mjrun.options.evaluation import FAILURES, MANIFEST, WORST, EpisodeVideoOptions, EvaluationOptions
 from mjrun.options.option import options, values_of
 from mjrun.options.sweep import PARTS, ExecutionOptions
 from mjrun.options.video import PointOrEpisodeVideoOptions
-from mjrun.outputs.perform import perform, preview
+from mjrun.outputs.perform import perform, rehearse
 from mjrun.outputs.video import Video
 from mjrun.plotting.table_figure import Table
 from mjrun.probe.verdict import Verdict
@@ -133,13 +134,15 @@ class _VideoMaker:
       seed: seed of the first episode.
 
     Raises:
-      UsageError: a camera is unknown, or the size is not supported.
+      MjrunError: a camera is unknown, the size is not supported, or this machine cannot make videos.
     """
 
     def __init__(self, options: EpisodeVideoOptions, prepared: PreparedEvaluation, seed: int) -> None:
         self._options, self._prepared = options, prepared
         if options.videos:
-            preview([self._video(prepared.groups[0].spec, seed, "video.mp4")], PythonApiReporter())
+            with scratch_folder() as folder:
+                video = self._video(prepared.groups[0].spec, seed, str(folder / "video.mp4"))
+                rehearse([replace(video, jobs=1)])
 
     def make(
         self, groups: Sequence[PlayedEpisodes], folder: Path, reporter: Reporter
@@ -227,7 +230,7 @@ class Evaluation(EvaluationOptions, ExecutionOptions):
             check_page(self.html)
         prepared = PreparedEvaluation(self, self.task, self.rewritten)
         if self.export_to is not None:
-            check_runs(self.export_to, len(prepared.points.points))
+            check_runs(self.export_to, len(prepared.points.points), self.output)
         maker = _VideoMaker(self, prepared, self.seed)
         folder = Path(self.output)
         require_own_folder(LocalFolder(folder), MANIFEST, "evaluation")

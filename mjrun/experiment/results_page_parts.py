@@ -7,6 +7,7 @@ from pathlib import Path
 from mjrun.errors import MissingExtraError, UsageError, clean, listing
 from mjrun.experiment.design import Design, numbers
 from mjrun.experiment.statistics import Interval
+from mjrun.formats.output_writer import StagedFile
 from mjrun.formats.study_reader import NO_UNITS, read_study
 from mjrun.model.table_column import with_unit
 from mjrun.options.plot import FigureOptions
@@ -35,9 +36,11 @@ def check_page(path: str) -> None:
     Raises:
       BadValueError: its name does not end with .html.
       MissingExtraError: matplotlib is missing.
+      FileError: it cannot be written.
     """
     check_page_name(path)
     require_matplotlib()
+    StagedFile(Path(path)).cleanup()
 
 
 def parameters_table(design: Design, units: Mapping[str, str] = NO_UNITS) -> list[PageFactTable]:

@@ -22,6 +22,7 @@ from mjrun.errors import (
     FileError,
     MjrunError,
     UsageError,
+    clean,
     concerning,
     file_errors,
     option,
@@ -29,7 +30,7 @@ from mjrun.errors import (
 )
 from mjrun.experiment.design import Design, DesignColumn, is_whole
 from mjrun.formats.local_and_remote_folders import Folder, folder_at, written_file
-from mjrun.formats.output_writer import OutputWriter, publish_together
+from mjrun.formats.output_writer import OutputWriter, StagedFile, publish_together
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format
 from mjrun.formats.temporary_output import NEW, TemporaryOutput, replace_folder
@@ -307,21 +308,27 @@ def manifest_writer(path: Path | str, facts: Mapping[str, object]) -> OutputWrit
 # --- runs of MLflow ----------------------------------------------------------------------------------
 
 
-def check_runs(folder: str, count: int) -> None:
+def check_runs(folder: str, count: int, source: str) -> None:
     """Raises errors that would prevent `count` runs in a folder, before anything is simulated.
 
+    Args:
+      source: folder of the results.
+
     Raises:
-      UsageError: there are too many.
-      FileError: the folder holds anything but runs that mjrun has written.
+      UsageError: there are too many, or the results would be in the folder.
+      FileError: the folder holds anything but runs that mjrun has written, or cannot be created.
     """
     if count > MOST_RUNS:
         raise UsageError(
             f"{option('export_to')}: {count:,} points would be as many runs; MLflow lists up to {MOST_RUNS:,}"
         )
     path = Path(folder)
+    if Path(source).resolve().is_relative_to(path.resolve()):
+        raise UsageError(f"{option('export_to')} {clean(folder)} would replace the results in {clean(source)}")
     if not path.is_dir():
         if path.exists():
             raise FileError(path, "exists and is not a folder")
+        StagedFile(path).cleanup()  # shows that its folder can be written
         return
     entries = [entry for entry in path.iterdir() if entry.name not in OF_MLFLOW]
     if any(not (entry / "tags" / MARK).is_file() for entry in entries):
@@ -343,7 +350,7 @@ def write_runs(
     Raises:
       UsageError, FileError: as `check_runs`; or the folder cannot be written.
     """
-    check_runs(folder, len(table))
+    check_runs(folder, len(table), source)
     target = Path(folder).resolve()
     with file_errors(folder, "written"):
         target.parent.mkdir(parents=True, exist_ok=True)

@@ -19,7 +19,7 @@ import numpy as np
 
 from mjrun.confinement.confinement import OUTSIDE, is_readable
 from mjrun.dataclass import dataclass
-from mjrun.errors import ModelError, UsageError, clean, concerning, listing, option
+from mjrun.errors import ModelError, UsageError, attributing, clean, concerning, listing, option
 from mjrun.fitting.free_parameter import FreeParameter, overrides, values_at
 from mjrun.fitting.prediction import Chunk, Predictor
 from mjrun.fitting.result import FitResult, FittedParameter
@@ -39,7 +39,7 @@ from mjrun.model.table_column import Column
 from mjrun.options.fit import FitOptions
 from mjrun.options.plot import FigureOptions
 from mjrun.outputs.output import ReservedFiles, named_files
-from mjrun.outputs.perform import perform, preview
+from mjrun.outputs.perform import perform, rehearse
 from mjrun.outputs.video import Video
 from mjrun.plotting.figure_plan import FigurePlan, TableColumns
 from mjrun.plotting.figure_writer import page_svg, require_matplotlib
@@ -145,6 +145,7 @@ class FitVideo:
 
     Raises:
       UsageError: no position is measured, the camera is unknown, or no video format matches the name.
+      MjrunError: this machine cannot make the video.
     """
 
     def __init__(self, options: FitOptions, model: mujoco.MjModel, signals: Sequence[str]) -> None:
@@ -156,8 +157,8 @@ class FitVideo:
             )
         if "%" in options.video or not Path(options.video).suffix:
             raise UsageError(f"{option('video')} {clean(options.video)}: give a single file such as fit.mp4")
-        with concerning("video"):
-            preview([self._video(Simulation(model, duration=1), options.video)], PythonApiReporter())
+        with attributing("output", "video"):
+            rehearse([replace(self._video(Simulation(model, duration=1), options.video), jobs=1)])
 
     def writer(
         self, model: mujoco.MjModel, stretches: Sequence[FittedChunkMotion], delays: Sequence[float], reporter: Reporter

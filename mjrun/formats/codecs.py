@@ -147,6 +147,7 @@ MOST_FPS = {
     "apng": (65535, "in an APNG: at most"),  # a delay is a quotient of 16-bit numbers
 }
 GIF_DELAY = Fraction(65535, 100)  # [s]; a delay is 16 bits of hundredths
+SMALLEST = 16  # smallest width and height [pixels]; below it some encoders fail
 SLOWEST, FASTEST = Fraction(1, 1000), 1_000_000  # frames per second that ffmpeg and every container support
 
 
@@ -193,6 +194,11 @@ class VideoEncoding:
             raise BadValueError(
                 option("fps"), fps, "possible in a GIF, whose delays are hundredths: 50, 100/3, 25, 20, 10"
             )
+
+    def check_size(self, width: int, height: int) -> None:
+        """Raises BadValueError if the encoder does not support frames of this size."""
+        if min(width, height) < SMALLEST:
+            raise BadValueError(option("size"), f"{width}x{height}", f"at least {SMALLEST}x{SMALLEST}")
 
     def padding(self, width: int, height: int) -> tuple[int, int]:
         """Returns the number of columns and rows that the codec needs in addition to the frame."""

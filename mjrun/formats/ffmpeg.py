@@ -202,7 +202,6 @@ class H264Encoder:
 
 
 LONGEST_ARGUMENT = 100_000  # bytes; Linux allows 128 KiB
-SMALLEST = 16  # smallest width and height [pixels]; below it some encoders fail
 
 
 def write_video(
@@ -287,8 +286,7 @@ class VideoWriter(OutputWriter):
         count: int | None = None,
         tags: Mapping[str, str] | None = None,
     ) -> None:
-        if min(size) < SMALLEST:
-            raise BadValueError(option("size"), f"{size[0]}x{size[1]}", f"at least {SMALLEST}x{SMALLEST}")
+        encoding.check_size(*size)
         encoding.check_fps(fps)
         self.size = size
         self.fps = fps

@@ -23,7 +23,7 @@ from mjrun.options.rendering import ViewOptions
 from mjrun.probe.row_expression import Condition, parse_condition
 from mjrun.probe.scanner import Vocabulary
 from mjrun.rendering.backend import BackendDetector
-from mjrun.rendering.classic import ClassicRenderer
+from mjrun.rendering.classic import ClassicRenderer, check_size
 from mjrun.rendering.drawn_model import CORNERS, HIDDEN_GROUP, VISIBLE_GROUPS, place_stage, visible_geoms
 from mjrun.rendering.visual import NOTHING, SegmentationIds, visual_of
 
@@ -210,7 +210,8 @@ class LabelledImageRenderer:
       outlines: whether images need the silhouette of each object.
 
     Raises:
-      NoRendererError: no backend works.
+      RendererError: no backend works.
+      UsageError: the renderer does not support images of this size.
     """
 
     def __init__(self, options: LabelledImageOptions, *, outlines: bool = False) -> None:
@@ -218,6 +219,7 @@ class LabelledImageRenderer:
         detection = BackendDetector(options.gl)
         self._backend = detection.result(require_gpu=options.require_gpu)
         self._visual = visual_of(ViewOptions(quality=options.quality, gl=options.gl, camera="free"))
+        check_size(options.size, self._backend, self._visual)
         self._renderer: ClassicRenderer | None = None
 
     def images(

@@ -3,6 +3,7 @@
 import copy
 import os
 import time
+import warnings
 from collections.abc import Generator, Iterable, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict, replace
@@ -81,17 +82,17 @@ def perform(
     """
     reporter, start = reporter or PythonApiReporter(), time.perf_counter()
     with ExitStack() as stack:
-        with doing("simulating"), collected_warnings() as warnings, without_timers():
+        with doing("simulating"), collected_warnings() as messages, without_timers():
             backends = stack.enter_context(closing(RenderingResources()))
             plan = plan_pass(requests, reporter, backends)
             current = open_pass(plan, stack, backends)
             current.simulate()
             current.finish()
         if current.instability is None:  # which describes it better
-            report_warnings(warnings, reporter)
+            report_warnings(messages, reporter)
         if current.episode:
             reporter.note(current.episode.sentence)
-        current.publish(tuple(warnings), start, [] if published is None else published)
+        current.publish(tuple(messages), start, [] if published is None else published)
 
     if error := current.error():
         error.results = current.results
@@ -125,6 +126,20 @@ def preview(requests: Sequence[OutputRequest[OutputResult]], reporter: Reporter 
     timeline = plan.context.timeline
     outputs = [each.preview for each in plan.outputs]
     return PassPreview(float(timeline.timestep), timeline.steps, float(timeline.duration), outputs)
+
+
+def rehearse(requests: Sequence[OutputRequest[OutputResult]]) -> None:
+    """Plans and opens a pass like one that will follow, takes no step, and publishes nothing.
+
+    Raises:
+      MjrunError: the pass would fail before its first step.
+    """
+    with ExitStack() as stack, collected_warnings():
+        backends = stack.enter_context(closing(RenderingResources()))
+        plan = plan_pass(requests, PythonApiReporter(), backends)
+        stack.enter_context(warnings.catch_warnings())
+        warnings.simplefilter("ignore", errors.MjrunWarning)  # the pass will report it when it opens its files
+        open_pass(plan, stack, backends)
 
 
 @dataclass(frozen=True)

@@ -82,6 +82,8 @@ class Video(VideoOptions, VideoOrImageRequest["VideoResult"]):
     def plan(self, context: output.PassContext) -> "output.OutputPlan[VideoResult]":
         """Resolves every name in the model and schedules the frames unless events decide."""
         frames, file = plan_frames(self, context, self.plot, self.plot_side), self.encoded_files[0]
+        for each in self.encoded_files if self.files else ():  # frames in memory are not encoded
+            each.encoding.check_size(*frames.size_of(each))
         schedule = None if frames.scene.conditions else self.schedule_frames(frames.scene, {})
         count = None if schedule is None else len(schedule.steps)
         about = f"{file.encoding.codec}, {float(self.rate):g} fps, {' and '.join(camera_names(self))}"

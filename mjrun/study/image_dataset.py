@@ -28,7 +28,13 @@ from mjrun.options.datasets import CAMERA, EXTRAS, DatasetOptions, LabelledImage
 from mjrun.options.option import options, values_of
 from mjrun.options.rendering import RIG_EXAMPLES, ViewOptions
 from mjrun.options.sweep import MANIFEST, ExecutionOptions, VariationOptions
-from mjrun.outputs.labelled_images import AcceptanceConditions, ObjectToLabel, labelled_objects, object_of_body
+from mjrun.outputs.labelled_images import (
+    AcceptanceConditions,
+    LabelledImageRenderer,
+    ObjectToLabel,
+    labelled_objects,
+    object_of_body,
+)
 from mjrun.outputs.recorded_scene import camera_motions
 from mjrun.packages import require_all
 from mjrun.rendering.backend import AUTO, GL
@@ -144,6 +150,8 @@ class Dataset(DatasetOptions, ExecutionOptions):
     def _check(self, prepared: PreparedStudy, objects: Sequence[ObjectToLabel]) -> None:
         """Raises errors that concern all points before the first is rendered."""
         AcceptanceConditions(self, objects)
+        if self.engine == "local":
+            LabelledImageRenderer(self._labels())  # other machines have their own renderers
         if self.yolo_task == "pose" and not any(each.keypoints for each in objects):
             raise UsageError(f"{option('yolo_task')} pose: no object has {option('keypoints')}")
         first = prepared.points.values(0)

@@ -15,13 +15,13 @@ from typing import cast
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import BadValueError, MjrunError, UnknownNameError, UsageError, clean, concerning, option
+from mjrun.errors import BadValueError, MjrunError, UnknownNameError, UsageError, attributing, clean, concerning, option
 from mjrun.experiment.design import parameter_names
 from mjrun.experiment.results_table import ColumnVocabulary
 from mjrun.formats.codecs import encoding
 from mjrun.formats.local_and_remote_folders import LocalFolder, written_file
 from mjrun.formats.study_reader import NAME, POINTS, point_folders, read_point, values_in_words
-from mjrun.formats.temporary_output import remove_left_behind
+from mjrun.formats.temporary_output import remove_left_behind, scratch_folder
 from mjrun.options.option import values_of
 from mjrun.options.sweep import KeptFileOptions
 from mjrun.options.video import PointOrEpisodeVideoOptions
@@ -30,7 +30,7 @@ from mjrun.platform.cores import available_cores
 from mjrun.probe.row_expression import Condition, parse_condition
 from mjrun.probe.select import selected_columns
 from mjrun.python_code import PickledWithCode
-from mjrun.reporter import PythonApiReporter, Reporter
+from mjrun.reporter import Reporter
 from mjrun.simulation.manifest import plain
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.isolation import LocalExecutor, process_stop
@@ -63,11 +63,15 @@ class KeptFiles:
 class PointFileMaker:
     """A maker of the files of points. The options are checked before there are any results.
 
+    Args:
+      simulates: whether the files are made after a simulation, before which this machine must be able to make them.
+
     Raises:
       UsageError: a name is unknown, or a value is invalid.
+      MjrunError: this machine cannot make the files.
     """
 
-    def __init__(self, options: KeptFileOptions, prepared: PreparedStudy) -> None:
+    def __init__(self, options: KeptFileOptions, prepared: PreparedStudy, *, simulates: bool = False) -> None:
         self._prepared = prepared
         self._options = replace(keep_options(options), probe=_probes(options, prepared))
         self._choice = PointSelection(options, prepared.points.names, [name for name, _ in prepared.spec.metrics])
@@ -78,13 +82,19 @@ class PointFileMaker:
             where = f"files of points are made on this machine, and {url} is in a store"
             raise UsageError(f"{option(name)}: {where}\nuse a local folder with the same points")
         if options.contact_sheet is not None:
-            with concerning("contact_sheet"):
+            with attributing("output", "contact_sheet"):
                 encoding(options.contact_sheet).check_fps(options.fps)
         if self.kinds:
-            from mjrun.outputs.perform import preview
+            from mjrun.formats.ffmpeg import VideoWriter
+            from mjrun.outputs.perform import preview, rehearse
 
             first = self._outputs(0, PointResult(0, "ok", (), 0))
-            preview(replace(first, simulation=prepared.first).requests(self.kinds), PythonApiReporter())
+            with scratch_folder() as folder:
+                requests = replace(first, simulation=prepared.first, folder=folder).requests(self.kinds)
+                rehearse(requests) if simulates else preview(requests)
+            if simulates and options.contact_sheet is not None:
+                with VideoWriter(options.contact_sheet, encoding(options.contact_sheet), options.size, options.fps):
+                    pass  # which shows that it can be written
 
     def remove_left_behind(self) -> None:
         """Removes what ended processes have left in the folders of points."""

@@ -132,9 +132,9 @@ class Study(StudyOptions, ExecutionOptions):
 
                 check_page(self.html)
             prepared = PreparedStudy(self, self.spec)
-            keeper = PointFileMaker(self, prepared)
+            keeper = PointFileMaker(self, prepared, simulates=True)
             if self.export_to is not None:
-                check_runs(self.export_to, len(prepared.points.points))
+                check_runs(self.export_to, len(prepared.points.points), self.output)
             check_engine(self.engine, prepared.folder)
             self.compare_with_last_run(prepared, reporter, SCHEMA)
             prepared.files.create()

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -113,9 +114,16 @@ def test_a_recorded_episode_is_the_video_of_that_episode(tmp_path: Path, monkeyp
         assert np.array_equal(ours, own)
 
 
-def test_a_camera_that_is_not_there_is_told_before_anything_is_played(tmp_path: Path) -> None:
-    some = Evaluation(cart_task(tmp_path), str(tmp_path / "out"), policy="zero", videos=1, camera="front")
-    with pytest.raises(UsageError, match="front"):
+@pytest.mark.gl
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [({"camera": "front"}, "front"), ({"size": (9, 16)}, "16x16"), ({"size": (64, 1_000_000)}, "too large")],
+)
+def test_videos_that_cannot_be_made_are_refused_before_anything_is_played(
+    tmp_path: Path, options: dict[str, Any], match: str
+) -> None:
+    some = Evaluation(cart_task(tmp_path), str(tmp_path / "out"), policy="zero", videos=1, **options)
+    with pytest.raises(UsageError, match=match):
         some.run()
     assert not (tmp_path / "out").exists()
 

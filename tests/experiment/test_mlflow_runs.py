@@ -52,15 +52,20 @@ def test_mlflow_reads_every_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
 
 def test_other_files_and_too_many_points_are_refused(tmp_path: Path) -> None:
-    check_runs(str(tmp_path), MOST_RUNS)
+    check_runs(str(tmp_path), MOST_RUNS, "s")
     with pytest.raises(UsageError, match="export_to: 10,001 points would be as many runs"):
-        check_runs(str(tmp_path), MOST_RUNS + 1)
+        check_runs(str(tmp_path), MOST_RUNS + 1, "s")
     (tmp_path / "123" / "tags").mkdir(parents=True)
     with pytest.raises(FileError, match="holds files that mjrun has not written"):
         write_runs(str(tmp_path), "slide", table([1.0]), PARAMETERS, {})
     (tmp_path / "file").touch()
     with pytest.raises(FileError, match="is not a folder"):
-        check_runs(str(tmp_path / "file"), 1)
+        check_runs(str(tmp_path / "file"), 1, "s")
+    with pytest.raises(FileError, match="is not a folder"):
+        check_runs(str(tmp_path / "file" / "runs"), 1, "s")
+    for source in ("new", "new/study"):
+        with pytest.raises(UsageError, match=r"export_to .*new would replace the results in"):
+            check_runs(str(tmp_path / "new"), 1, str(tmp_path / source))
 
 
 def test_columns_whose_names_become_alike_keep_separate_keys() -> None:

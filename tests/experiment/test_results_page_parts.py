@@ -31,8 +31,12 @@ def test_nothing_varies_without_parameters() -> None:
     assert parameters_table(Design((), [()])) == []
 
 
-def test_names_of_pages_end_with_html() -> None:
-    check_page("a.html")
+def test_pages_can_be_written_and_have_names_that_end_with_html(tmp_path: Path) -> None:
+    check_page(str(tmp_path / "new" / "a.html"))
+    assert not [*tmp_path.iterdir()]
+    (tmp_path / "file").touch()
+    with pytest.raises(FileError, match="is not a folder"):
+        check_page(str(tmp_path / "file" / "a.html"))
     with pytest.raises(BadValueError, match=r"a file that ends with \.html"):
         check_page("a.pdf")
 

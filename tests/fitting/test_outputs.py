@@ -5,13 +5,14 @@ from contextlib import ExitStack
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import yaml
 
 from mjrun.errors import EncoderError, FileError, UsageError
-from mjrun.fitting.fit import Fit
+from mjrun.fitting.fit import Fit, _Run
 from mjrun.fitting.free_parameter import FreeParameter
 from mjrun.fitting.outputs import (
     FittedModelFile,
@@ -141,6 +142,26 @@ def test_two_outputs_are_not_one_file_and_no_log_is_overwritten(fit: Fit, tmp_pa
     with pytest.raises(UsageError, match="is given twice"):
         replace(fit, data=[log, log]).run()
     assert np.loadtxt(log, delimiter=",", skiprows=1).shape == (60, 2)
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize(
+    ("options", "path"),
+    [
+        ({"camera": ("free", "front")}, ("camera", 1)),
+        ({"size": (9, 16)}, ("size",)),
+        ({"size": (64, 1_000_000)}, ("size",)),
+        ({"video": "fit.txt"}, ("video",)),
+    ],
+)
+def test_a_video_that_cannot_be_made_is_reported_at_its_option_before_the_fit(
+    fit: Fit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: dict[str, Any], path: tuple[str | int, ...]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(_Run, "all", pytest.fail)
+    with pytest.raises(UsageError) as caught:
+        replace(fit, **{"video": "fit.mp4", **options}).run()
+    assert caught.value.path == path
 
 
 def test_if_one_cannot_be_made_none_is(fit: Fit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

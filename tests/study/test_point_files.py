@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from mjrun.errors import BadValueError, FailedPointsError, UnknownNameError, UnmadeFilesError, UsageError
+from mjrun.errors import BadValueError, FailedPointsError, FileError, UnknownNameError, UnmadeFilesError, UsageError
 from mjrun.formats.image_and_video_reader import read_video
 from mjrun.formats.study_reader import read_point, read_study
 from mjrun.formats.temporary_output import TemporaryOutput
@@ -289,3 +289,32 @@ def test_an_invalid_choice_is_refused_before_the_study(
 ) -> None:
     with pytest.raises(error, match=match):
         points(**options)
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize(("size", "match"), [((64, 9), "not at least 16x16"), ((64, 1_000_000), "too large")])
+def test_videos_that_cannot_be_made_are_refused_before_the_study(
+    ball: Simulation, tmp_path: Path, size: tuple[int, int], match: str
+) -> None:
+    study = Study(ball, str(tmp_path / "s"), vary=(("seed", "1..2:2"),), keep=("trace", "video"), size=size)
+    with pytest.raises(UsageError, match=match) as caught:
+        study.run()
+    assert caught.value.path == ("size",)
+    assert not (tmp_path / "s").exists()
+
+
+def test_a_rate_of_a_contact_sheet_is_reported_at_its_option(ball: Simulation, tmp_path: Path) -> None:
+    study = Study(ball, str(tmp_path / "s"), vary=(("seed", "1..2:2"),), contact_sheet="c.gif", fps=33)
+    with pytest.raises(UsageError, match="GIF") as caught:
+        study.run()
+    assert caught.value.path == ("fps",)
+
+
+@pytest.mark.gl
+def test_a_contact_sheet_that_cannot_be_written_is_reported_before_the_study(ball: Simulation, tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    sheet = str(tmp_path / "file" / "c.mp4")
+    study = Study(ball, str(tmp_path / "s"), vary=(("seed", "1..2:2"),), contact_sheet=sheet)
+    with pytest.raises(FileError, match="is not a folder"):
+        study.run()
+    assert not (tmp_path / "s").exists()

@@ -52,7 +52,7 @@ def check(layout: EpisodeLayout) -> None:
     """Checks that LeRobot can hold such episodes.
 
     Raises:
-      UsageError: the rate is not a whole number, or a codec is unknown or pads the images.
+      UsageError: the rate is not a whole number, a codec is unknown or pads the images, or these are too small.
     """
     if layout.fps.denominator != 1:
         rounded = f"{option('fps')} {round(layout.fps)} rounds it"
@@ -62,6 +62,7 @@ def check(layout: EpisodeLayout) -> None:
         codec, (width, height) = camera.encoding.codec, camera.size
         if codec not in CODECS:
             raise UsageError(f"LeRobot reads videos of {', '.join(CODECS)}, not of {codec}", ("codec",))
+        camera.encoding.check_size(width, height)
         if any(camera.encoding.padding(width, height)):
             raise UsageError(f"{option('size')} {width}x{height}: {codec} requires even sides", ("size",))
 

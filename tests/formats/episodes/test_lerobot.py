@@ -141,7 +141,11 @@ def test_unsupported_layouts_are_refused() -> None:
     lerobot.check(LAYOUT)
     with pytest.raises(UsageError, match="whole numbers of frames per second, not 66"):
         lerobot.check(replace(LAYOUT, fps=Fraction(200, 3)))
-    for size, codec, message in (((33, 16), "h264", "even sides"), (SIZE, "h264rgb", "not of h264rgb")):
+    for size, codec, message in (
+        ((33, 16), "h264", "even sides"),
+        ((32, 8), "h264", "16x16"),
+        (SIZE, "h264rgb", "not of h264rgb"),
+    ):
         camera = CameraVideoLayout("front", size, encoding("a.mp4", codec=codec))
         with pytest.raises(UsageError, match=message):
             lerobot.check(replace(LAYOUT, cameras=[camera]))
