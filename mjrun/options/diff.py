@@ -7,11 +7,12 @@ from mjrun.options.kinds import FlagKind, OneOrMoreKind, PathKind, TextKind, opt
 from mjrun.options.number_kinds import Numbers, PercentKind, RealKind
 from mjrun.options.option import Options, option, options
 from mjrun.options.report import PageOptions
-from mjrun.options.schema_validation import InvalidValueError
+from mjrun.options.schema_validation import InvalidValueError, Schema
 from mjrun.options.setting_kinds import NamedNumbersKind
 
 ALIGNMENTS = ("time", "row")
 NO_TOLERANCES: dict[str, Numbers] = {}
+TOLERANCE: Schema = {"type": "number", "minimum": 0}
 
 
 class ColumnTolerancesKind(NamedNumbersKind):
@@ -21,10 +22,16 @@ class ColumnTolerancesKind(NamedNumbersKind):
 
     metavar = "COLUMNS=ATOL[,RTOL]"
 
+    @property
+    def form(self) -> Schema:
+        both: Schema = {"type": "array", "items": TOLERANCE, "minItems": 1, "maxItems": 2}
+        each: Schema = {"anyOf": [TOLERANCE, both], "forms": "a number or a list of numbers"}
+        return {"type": "object", "additionalProperties": each}
+
     def __call__(self, value: Mapping[str, float | Sequence[float]]) -> Mapping[str, Numbers]:
         tolerances = super().__call__(value)
-        for numbers in tolerances.values():
-            _require_tolerance(numbers)
+        for pattern, numbers in tolerances.items():
+            _require_tolerance(numbers, f"{pattern}={','.join(map(str, numbers))}")
         return tolerances
 
     def parse(self, text: str) -> tuple[str, Numbers]:
@@ -36,9 +43,9 @@ class ColumnTolerancesKind(NamedNumbersKind):
         return pattern, numbers
 
 
-def _require_tolerance(numbers: Numbers) -> None:
+def _require_tolerance(numbers: Numbers, text: str | None = None) -> None:
     if len(numbers) not in (1, 2) or not all(number >= 0 for number in numbers):
-        raise InvalidValueError("an absolute tolerance, or an absolute and a relative one, of at least 0")
+        raise InvalidValueError("an absolute tolerance, or an absolute and a relative one, of at least 0", text)
 
 
 @options

@@ -18,6 +18,7 @@ Vector = tuple[float, float, float]
 GROUPS = tuple(range(6))  # MuJoCo's groups of geoms, sites, …: mjNGROUP of them
 AUTO = "auto"
 MOST_DIGITS = 18  # of an integer, so that it is one of 64 bits
+LIMIT = 10**MOST_DIGITS
 NUMBERS: Schema = {
     "anyOf": [NUMBER, {"type": "array", "items": NUMBER, "minItems": 1}],
     "forms": "a number or a list of numbers",
@@ -26,7 +27,7 @@ POINT: Schema = {"type": "array", "items": NUMBER, "minItems": 3, "maxItems": 3,
 
 
 class IntegerKind(Kind[int, int]):
-    """An integer from `least` to `most`."""
+    """An integer from `least` to `most`, by default below 1e18."""
 
     metavar = "N"
 
@@ -42,8 +43,8 @@ class IntegerKind(Kind[int, int]):
 
     @property
     def form(self) -> Schema:
-        least: Schema = {} if self.least is None else {"minimum": self.least}
-        most: Schema = {} if self.most is None else {"maximum": self.most}
+        least: Schema = {"exclusiveMinimum": -LIMIT} if self.least is None else {"minimum": self.least}
+        most: Schema = {"exclusiveMaximum": LIMIT} if self.most is None else {"maximum": self.most}
         return {"type": "integer", **({"exclusiveMinimum": 0} if self.least == 1 else least), **most}
 
     def __call__(self, value: int) -> int:
@@ -53,6 +54,8 @@ class IntegerKind(Kind[int, int]):
         number = value.__index__()
         if (self.least is not None and number < self.least) or (self.most is not None and number > self.most):
             raise InvalidValueError(self.expected)
+        if abs(number) >= LIMIT:
+            raise self._too_large()
         return number
 
     def parse(self, text: str) -> int:
@@ -60,8 +63,13 @@ class IntegerKind(Kind[int, int]):
         if digits is None:
             raise InvalidValueError(self.expected)
         if len(digits[1]) > MOST_DIGITS:
-            raise InvalidValueError(self.expected if self.most is not None else f"{self.expected} and below 1e18")
+            raise self._too_large()
         return self(int(text))
+
+    def _too_large(self) -> InvalidValueError:
+        if self.least is None:
+            return InvalidValueError("a whole number between -1e18 and 1e18")
+        return InvalidValueError(self.expected if self.most is not None else f"{self.expected} and below 1e18")
 
 
 class RealKind(Kind[float, float]):

@@ -190,7 +190,8 @@ def _text_violations(text: str, schema: Schema, path: Path) -> Iterator[SchemaVi
 
 def _wrong_number(number: float, schema: Schema) -> str:
     """Returns the expected number if `number` is out of bounds, or else an empty text."""
-    least, above, most = (cast("float | None", schema.get(key)) for key in ("minimum", "exclusiveMinimum", "maximum"))
+    bounds = ("minimum", "exclusiveMinimum", "maximum", "exclusiveMaximum")
+    least, above, most, below = (cast("float | None", schema.get(key)) for key in bounds)
     try:
         is_finite = math.isfinite(number)
     except OverflowError:  # a whole number beyond the floats
@@ -201,6 +202,8 @@ def _wrong_number(number: float, schema: Schema) -> str:
         return "a positive number" if above == 0 else f"a number above {above:g}"
     if least is not None and number < least:
         return f"a number of at least {least:g}"
+    if below is not None and number >= below:
+        return f"a number below {below:g}"
     return f"a number of at most {most:g}" if most is not None and number > most else ""
 
 

@@ -610,7 +610,8 @@ def read_motion(
     if mapped.time is not None and rate is not None:
         raise UsageError(
             f"{clean(str(path))} has a column 'time', and {option('replay_rate')} is for tables without one\n"
-            f"{option('map')} can specify another time: time=EXPRESSION"
+            f"{option('map')} can specify another time: time=EXPRESSION",
+            ("replay_rate",),
         )
     sources = mapped.sources if mapped.time is None else {**mapped.sources, TIME: mapped.time}
     values = evaluated(path, sources, units_of(model, [field for field in FIELDS if mapped.columns[field]]))

@@ -382,7 +382,9 @@ class Simulation(SimulationOptions):
             try:
                 return self.motion(path, model)
             except UsageError as error:
-                if error.path[:1] != ("map",) or len(error.path) == 1:  # a hint, not an error in the map
+                is_of_map = error.path[:1] == ("map",) and len(error.path) > 1  # otherwise a hint
+                is_of_rate = error.path == ("replay_rate",) and self.replay_rate is not None
+                if not (is_of_map or is_of_rate):
                     error.path = ("replay",)
                 raise
         for name in START:

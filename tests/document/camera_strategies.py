@@ -116,7 +116,7 @@ def scripts(draw: st.DrawFn) -> CameraScript:
                 blend=draw(maybe(st.builds(ShotBlend, st.sampled_from([*BLENDS]), positives))) if shots else None,
                 roll=draw(ramps),
                 fovy=draw(maybe(distances)),
-                shake=draw(maybe(st.builds(Shake, positives, positives, st.integers(0, 2**70)))),
+                shake=draw(maybe(st.builds(Shake, positives, positives, st.integers(0, 10**18 - 1)))),
                 fit=draw(maybe(st.builds(FramedObject, names, st.floats(1, 9)))),
             )
         )

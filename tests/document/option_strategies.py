@@ -23,6 +23,7 @@ from mjrun.options.kinds import (
 )
 from mjrun.options.model import ServoGainsKind
 from mjrun.options.number_kinds import (
+    LIMIT,
     ExactNumberKind,
     GroupsKind,
     InstantKind,
@@ -64,7 +65,7 @@ def values_of(kind: AnyKind, written: st.SearchStrategy[str]) -> st.SearchStrate
         case FlagKind():
             return st.booleans()
         case IntegerKind():
-            return st.integers(kind.least or 0, kind.most or 2**70)
+            return st.integers(kind.least or 0, kind.most or LIMIT - 1)
         case RealKind():
             return st.floats(kind.above or kind.least or 0.0, kind.most or 1e9, exclude_min=kind.above is not None)
         case MujocoNameKind():

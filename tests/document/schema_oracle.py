@@ -52,8 +52,8 @@ def _fits(key: str, value: Any, rule: dict[str, Any], whole: dict[str, Any]) -> 
             return count <= wanted if key.startswith("max") else count >= wanted
         case "minimum" | "exclusiveMinimum":
             return not number or (value >= wanted if key == "minimum" else value > wanted)
-        case "maximum":
-            return not number or value <= wanted
+        case "maximum" | "exclusiveMaximum":
+            return not number or (value <= wanted if key == "maximum" else value < wanted)
     raise AssertionError(f"the checker does not know {key}")
 
 

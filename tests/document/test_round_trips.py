@@ -62,7 +62,7 @@ def values(kind: Kind[Any, Any]) -> st.SearchStrategy[Any]:
         case kinds.FlagKind():
             return st.booleans()
         case number_kinds.IntegerKind(least=least, most=most):
-            return st.integers(least, most)
+            return st.integers(1 - number_kinds.LIMIT if least is None else least, most or number_kinds.LIMIT - 1)
         case number_kinds.RealKind(least=least, above=above, most=most):
             low = least if above is None else above
             return st.floats(low, most, exclude_min=above is not None, allow_infinity=False)

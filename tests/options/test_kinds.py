@@ -128,6 +128,8 @@ def test_python_gives_a_value_and_a_kind_makes_it_immutable(
         (FlagKind(), 1, "true or false"),
         (IntegerKind(1), 0, "a whole number of at least 1"),
         (IntegerKind(1, 9), 10, "a whole number from 1 to 9"),
+        (IntegerKind(), 10**18, "a whole number of at least 0 and below 1e18"),
+        (IntegerKind(None), -(10**18), "a whole number between -1e18 and 1e18"),
         (IntegerKind(), True, "a whole number of at least 0"),
         (IntegerKind(), 1.0, "a whole number of at least 0"),
         (RealKind(), -1, "a number of at least 0"),

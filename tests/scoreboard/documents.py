@@ -127,8 +127,6 @@ def _wrong_values() -> Iterator[Form]:
                 codes = (2, 3) if kind == "task" else (2, 7) if names_file else (2,)
                 if value in ("null", "[[[]]]", "''"):
                     codes = (0, *codes)  # as if it were missing, where it is optional
-                if (key, value) == ("every", "999999999999999999999999"):
-                    codes = (0,)  # no point is kept
                 files: dict[str, Content] = {"d.yaml": f"{_without(GOOD[kind], key)}{key}: {value}\n"}
                 yield Form(f"{kind} document, {key}: {value}", COMMANDS[kind], codes, files)
 

@@ -271,12 +271,17 @@ def test_what_is_read_is_known_by_what_it_is(path: Path, tmp_path: Path) -> None
     assert simulation.stepper(MODEL).instant().qpos[0] == 1
 
 
-def test_faults_of_a_table_are_reported_at_replay_and_those_of_a_map_at_the_map(path: Path, tmp_path: Path) -> None:
+def test_faults_of_a_table_are_reported_at_replay_and_those_of_its_reading_at_their_options(
+    path: Path, tmp_path: Path
+) -> None:
     (tmp_path / "t.csv").write_text("t,a\n0,1\n")
     for texts, place in ((["time=t"], ("replay",)), (["time=t", "qpos/hinge=b"], ("map", 1))):
         with pytest.raises(UsageError) as caught:
             Simulation(path, replay=f"{tmp_path}/t.csv", map=texts).timeline(MODEL)
         assert caught.value.path == place
+    with pytest.raises(UsageError, match="for tables without one") as caught:
+        Simulation(path, replay=f"{tmp_path}/t.csv", map=["time=t", "qpos/hinge=a"], replay_rate=5).timeline(MODEL)
+    assert caught.value.path == ("replay_rate",)
 
 
 @cases("options")
