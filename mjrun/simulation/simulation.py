@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import mujoco
+import numpy as np
 
 from mjrun.errors import FileError, ModelError, UsageError, clean, concerning, listing, option, quoted
 from mjrun.file_version import file_version
@@ -492,12 +493,24 @@ class Simulation(SimulationOptions):
         again = self.replay_mode == CONTROLS
         held = self._held_inputs(model, int(states.steps[-1])) if again else []
         if not isinstance(states, RecordingReader):
-            return [*states.remarks, *held]
+            return [*states.remarks, *self._replaced_values(model, states.state(0)), *held]
         if states.facts.get("physics", physics := physics_fingerprint(model)) == physics:
             return held
         shown = "positions are the recorded ones, forces and energies are computed by this model"
         meaning = "the motion is computed by this model from the recorded inputs" if again else shown
         return [f"the recording was made with other physics: {meaning}", *held]
+
+    def _replaced_values(self, model: mujoco.MjModel, first: np.ndarray) -> list[str]:
+        """Returns remarks on initial positions and velocities that the `first` state of a replayed table replaces."""
+        initial = state.save(model, self.start.data(model))
+        texts = list[str]()
+        for name, values in (("qpos", self.qpos), ("qvel", self.qvel)):
+            for key in values:
+                others = {each: numbers for each, numbers in values.items() if each != key}
+                changed = initial != state.save(model, replace(self.start, **{name: others}).data(model))
+                if changed.any() and not (initial == first)[changed].any():
+                    texts.append(f"{option(name)} {clean(key)} does nothing: {clean(str(self.replay))} sets it")
+        return texts
 
     def _held_inputs(self, model: mujoco.MjModel, last: int) -> list[str]:
         """Returns remarks on physics that continues after the `last` recorded step."""

@@ -263,6 +263,16 @@ def test_a_table_takes_what_it_lacks_from_the_start_that_is_asked_for(path: Path
         Simulation(path, replay=f"{tmp_path}/t.csv", steps=51).stepper(MODEL)
 
 
+def test_initial_values_that_a_replayed_table_replaces_are_reported(path: Path, tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_text("time,qpos/hinge\n0,0.5\n0.1,0.6\n")
+    replayed = Simulation(path, replay=f"{tmp_path}/t.csv")
+    assert not replace(replayed, qpos={"hinge": 0.5}).remarks(MODEL)
+    (remark,) = replace(replayed, qpos={"hinge": 0.4}).remarks(MODEL)
+    assert remark == f"{option('qpos')} hinge does nothing: {tmp_path}/t.csv sets it"
+    (remark,) = replace(replayed, qvel={"hinge": 0}, qpos={"hinge": 0.5}, key="swing").remarks(MODEL)
+    assert remark.startswith(f"{option('qvel')} hinge does nothing: ")
+
+
 def test_what_is_read_is_known_by_what_it_is(path: Path, tmp_path: Path) -> None:
     (tmp_path / "t.csv").write_text("t,a\n0,1\n")
     (tmp_path / "n.map").write_text("time=t\nqpos/hinge=a\n")
