@@ -19,6 +19,7 @@ from mjrun.check.rules.check_itself import CRASH, INTERNAL_ERROR, MISSING_MODEL,
 from mjrun.check.worker_pool import CheckRequest
 from mjrun.confinement.confinement import confinement
 from mjrun.file_version import file_version, folder_version, is_settled
+from mjrun.formats.input_file import in_any_case
 from mjrun.formats.user_cache import FileDigestCache, UserCache, program_facts
 
 LIMITS = {"timeout", "memory", "cache"}  # of a task, which do not affect a result that is complete
@@ -95,8 +96,9 @@ class ResultCache:
 
 
 def _searched_folders(model: str, missing: Iterable[str]) -> set[str]:
-    """Returns the folders of missing files, and all below that of the model; not many more than `SEARCHED`."""
-    found = {os.path.dirname(place) or "." for place in missing}  # noqa: PTH120
+    """Returns the folders of missing files in any case, and all below that of the model; not many above `SEARCHED`."""
+    parents = {parent for place in missing for parent in Path(place).parents}
+    found = {str(folder) for parent in parents for folder in (parent, *in_any_case(parent))}
     for parent, folders, _ in os.walk(os.path.dirname(model) or "."):  # noqa: PTH120
         folders[:] = [name for name in folders if not name.startswith(".")]
         found.add(parent)

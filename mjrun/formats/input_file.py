@@ -31,6 +31,23 @@ def exists(path: str | Path) -> bool:
     return os.path.exists(path)  # noqa: PTH110
 
 
+def in_any_case(path: Path) -> Iterator[Path]:
+    """Yields the files and folders with this path but for the case of the letters in it, at every level."""
+    found = [Path(path.anchor)]
+    for part in path.relative_to(path.anchor).parts:
+        found = [folder / name for folder in found for name in _names_like(folder, part)]
+    yield from found
+
+
+def _names_like(folder: Path, part: str) -> list[str]:
+    if part == "..":
+        return [part]
+    try:
+        return [entry.name for entry in folder.iterdir() if entry.name.casefold() == part.casefold()]
+    except OSError:
+        return []
+
+
 def files_below(folder: Path, unreadable: Callable[[OSError], object] = lambda error: None) -> Iterator[Path]:
     """Yields the files below a folder, sorted, those of each folder first; skips hidden and linked folders.
 

@@ -230,3 +230,18 @@ def test_an_unchanged_model_is_not_checked_again(monkeypatch: pytest.MonkeyPatch
     write("a.xml", PASSIVE.format('range="2 1" damping="1"'))
     assert codes(checked("a.xml").models[0]) == []
     assert started == ["a.xml", "a.xml"]
+
+
+def test_a_file_that_appears_where_a_missing_one_is_named_in_other_letters_changes_the_finding(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(file_version, "COARSEST_TIME", 0)
+    for folder in ("Arm", "models"):
+        Path(folder).mkdir()
+    model = write("models/model.xml", mjcf(before='<include file="../ARM/arm.xml"/>'))
+    time.sleep(0.02)  # longer than a tick of the system's clock
+    for name in (None, "Arm/arm.xml"):
+        if name:
+            write(name, "<mujocoinclude/>")
+        (finding,) = checked(model, steps=0).models[0].findings
+        assert ("Arm/arm.xml exists" in finding.remedy) == bool(name)

@@ -1,14 +1,14 @@
 """Files that a model refers to, and the paths at which the installed MuJoCo looks for them, in its order."""
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from functools import partial
 from itertools import islice
 from pathlib import Path
 
 from mjrun.check.rule import SAFE, Finding, Fix, Rule
 from mjrun.errors import clean, listing, near, quoted
-from mjrun.formats.input_file import files_below
+from mjrun.formats.input_file import files_below, in_any_case
 from mjrun.model import xml_source
 from mjrun.model.text_edits import ElementEditor
 
@@ -137,12 +137,12 @@ def _remedy(name: str, paths: list[Path], source: xml_source.XmlSource) -> str:
     base = Path(xml_source.with_slashes(name)).name
     if ROS_PACKAGE in name:
         return 'MuJoCo resolves no packages: write a path, or <mujoco><compiler strippath="true" meshdir=…/></mujoco>'
-    below = [*islice(files_below(source.path.parent), MAX_SEARCHED)]
-    if other_case := next(_in_other_case(paths, below), None):
+    if other_case := next(_in_other_case(paths), None):
         return f"{clean(str(other_case))} exists: names of files and folders are case-sensitive"
     close = near(base, [each for each in _siblings(paths[0].parent) if each != source.path.name])
     if close:
         return f"did you mean {quoted(close[0])}? it is in {clean(str(paths[0].parent))}"
+    below = islice(files_below(source.path.parent), MAX_SEARCHED)
     elsewhere = next((path for path in below if path.name == base), None)
     if elsewhere:
         return f"{clean(str(elsewhere))} exists; meshdir, texturedir and assetdir of <compiler> set the folder of files"
@@ -158,7 +158,7 @@ def _in_right_case(
     source: xml_source.XmlSource, element: xml_source.Element, name: str, paths: list[Path]
 ) -> Fix | str:
     """Returns the fix that writes the name of a file with the letters that it has on disk."""
-    for found in _in_other_case(paths, islice(files_below(source.path.parent), MAX_SEARCHED)):
+    for found in _in_other_case(paths):
         written = Path(xml_source.with_slashes(name))
         new = Path(*found.parts[-len(written.parts) :]).as_posix()
         attribute = next(key for key in file_attributes(element) if element.attributes.get(key) == name)
@@ -168,14 +168,9 @@ def _in_right_case(
     return "no file has this name in other letters"
 
 
-def _in_other_case(paths: list[Path], below: Iterable[Path]) -> Iterator[Path]:
-    """Yields the files with one of `paths`, but for the case of their letters."""
-    wanted = {_folded(path) for path in paths}
-    return (path for path in below if _folded(path) in wanted)
-
-
-def _folded(path: Path) -> str:
-    return os.path.normpath(path).casefold()
+def _in_other_case(paths: list[Path]) -> Iterator[Path]:
+    """Yields the files with one of `paths`, but for the case of letters."""
+    return (file for path in paths for file in in_any_case(path) if xml_source.is_regular(file))
 
 
 def _siblings(folder: Path) -> list[str]:

@@ -317,7 +317,13 @@ def _massless_body(error: CompileFailure, match: re.Match[str]) -> Findings:
         "give one of its geoms a density or mass, or the body an <inertial pos=… mass=… diaginertia=…/>, "
         "or remove its joints; <compiler boundmass=… boundinertia=…> sets a floor for all bodies"
     )
-    what = error.element() or "the body"
+    element = error.element()
+    if element and element.within("robot"):
+        remedy = (
+            "give the link an <inertial> with <mass value=…/> and <inertia ixx=… iyy=… izz=… ixy=… ixz=… iyz=…/>, "
+            "or make its joint fixed"
+        )
+    what = element or "the body"
     message = f"{what} can move, but has no mass or no inertia"
     yield error.finding(MASSLESS_BODY, message, remedy, fix=partial(_inferred, error))
 

@@ -20,7 +20,7 @@ from mjrun.model.xml_source import ACTUATORS, Element, XmlSource, holder
 ROUNDING = 6e-4  # the relative error of 1.57 as a quarter turn
 SLACK = 0.01  # relative to a range; limits are soft, and keyframes are saved from simulations at their limits
 # MuJoCo's enums equal integers, but numpy does not find them among integers.
-HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
+HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
 ROTATING = (HINGE, int(mujoco.mjtJoint.mjJNT_BALL))
 FIELD_PREFIXES = {"joint": "jnt", "tendon": "tendon", "actuator": "actuator"}
 FIELDS = {"actuatorfrcrange": "actfrcrange"}  # whose names differ from those of the attributes
@@ -78,8 +78,11 @@ def reversed_ranges(context: CheckContext) -> Iterator[Violation]:
         for row in map(int, np.flatnonzero((ranges[:, 0] > ranges[:, 1]) & (limited == 0))):
             low, high = ranges[row]
             i = controls[row] if attribute == "ctrlrange" else row
+            element = context.element(kind, i)
             message = f"its {attribute} {low:g} {high:g} is reversed and has no effect"
             remedy = f'write {attribute}="{high:g} {low:g}" (angles in the unit of <compiler angle=…>), or remove it'
+            if element and element.within("robot"):
+                remedy = f'write <limit lower="{high:g}" upper="{low:g}" …/>'
             fix = partial(_swapped, context, kind, i, attribute)
             yield context.violation(kind, i, message, remedy, fix=fix)
 

@@ -7,7 +7,7 @@ import pytest
 from mjrun.errors import ModelError
 from mjrun.model.sources import load
 from tests.cases import cases
-from tests.check.fixes import fixed
+from tests.check.fixes import fixed, fixing
 from tests.check.models import MESH, lint, lint_file, mjcf, write
 
 
@@ -66,6 +66,17 @@ def test_backslashes_part_folders_for_mujoco_and_for_the_rules() -> None:
     for geom, code in (('<geom type="mesh" mesh="m"/>', "MJ302"), ("", "MJ202")):
         Path("sub/part.xml").write_text(part.format(geom))
         assert [(f.code, f.file, f.line) for f in lint(text)] == [(code, "sub/part.xml", 2)]
+
+
+def test_a_name_in_the_wrong_case_is_corrected_beside_the_folder_of_the_model() -> None:
+    for folder in ("Arm", "models"):
+        Path(folder).mkdir()
+    write("Arm/arm.xml", mjcf('<body name="b"><geom size="1"/></body>'))
+    text = mjcf('<attach model="arm" body="b" prefix="l_"/>', before='<asset><model name="arm" file="../{}"/></asset>')
+    model = Path(write("models/model.xml", text.format("ARM/arm.XML")))
+    assert "models/../Arm/arm.xml exists" in lint_file(model)[0].remedy
+    assert fixing(str(model), given=["."]).files
+    assert model.read_text() == text.format("Arm/arm.xml")
 
 
 @cases("name, compiler, right")

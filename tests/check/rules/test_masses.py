@@ -146,6 +146,16 @@ def test_links_that_are_fixed_to_each_other_are_one_body_with_all_their_shapes(
     assert all("the links fixed to it (tip)" in remedy for remedy in remedies)
 
 
+def test_remedies_of_links_and_their_joints_are_in_terms_of_urdf() -> None:
+    path, joint = Path("r.urdf"), '<joint name="j" type="revolute"><parent link="base"/><child link="a"/>{}</joint>'
+    robot = f'<robot name="r"><link name="base"/><link name="a">{{}}</link>{joint.format("<limit {}/>")}</robot>'
+    path.write_text(robot.format(INERTIAL, 'lower="1" upper="-2" effort="1" velocity="1"'))
+    assert [f.remedy for f in lint_file(path, ["MJ302"])] == ['write <limit lower="-2" upper="1" …/>']
+    path.write_text(robot.format("", 'lower="-1" upper="1" effort="1" velocity="1"'))
+    (finding,) = lint_file(path)
+    assert (finding.code, finding.remedy[:49]) == ("MJ202", "give the link an <inertial> with <mass value=…/> ")
+
+
 def test_a_shape_of_a_link_that_is_fused_into_the_world_is_placed_at_this_link() -> None:
     path = Path("r.urdf")
     shape = SPHERE.format("collision")
