@@ -138,7 +138,7 @@ class CraneRig(Rig):
 
     base: str = required(converter=ObjectNameKind(), kw_only=False, help="What it stands on.")
     height: EasedNumber = option(
-        converter=RampKind("metres"), default=2, key="up", kw_only=False, help="Its height [m]."
+        converter=RampKind("metres", positive=True), default=2, key="up", kw_only=False, help="Its height [m]."
     )
     arm: str = option(converter=ChoiceKind(("long", "short")), default="long", kw_only=False, help="Its arm.")
 

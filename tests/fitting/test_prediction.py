@@ -139,7 +139,7 @@ def film(folder: Path, measured: np.ndarray, delay: float = 0.0) -> np.ndarray:
     model = mujoco.MjModel.from_xml_path(str(write_model(folder, **TRUTH)))
     path = folder / "fit.apng"  # which loses nothing
     path.unlink(missing_ok=True)
-    options = FitOptions(video=str(path), size=SIZE)
+    options = FitOptions(video=str(path), size=SIZE, camera=["free"])  # not one that keeps the ghost in view
     times = np.arange(51) * 0.01
     logs = [LogSegment(name, times + 3, measured[:, None], np.zeros((51, 1))) for name in "ab"]
     stretches = [FittedChunkMotion(Chunk(log, slice(None), 0, times / 0.002), np.zeros((51, 1))) for log in logs]
