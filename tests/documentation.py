@@ -72,7 +72,9 @@ class Execution:
     def __call__(self, commands: str) -> Done:
         """Executes command lines until one of them fails."""
         done = [Done(0, "", "")]
-        for command in re.split(r"\s&&\s|;\s(?=\w+ )|\n(?!$)", commands.replace("\\\n", " ").strip()):
+        for command in re.split(
+            r"\s&&\s|;\s(?=\w+ )|\n(?!$)", self._with_smaller_values(commands.replace("\\\n", " ").strip())
+        ):
             is_simple = command.strip().startswith("mjrun ") and not re.search(ELSEWHERE, command)
             done.append(self._in_process(command) if is_simple else self.in_shell(command))
             if done[-1].returncode:
@@ -89,6 +91,13 @@ class Execution:
         arguments = ["sh", "-ec", command]
         done = subprocess.run(arguments, cwd=self.folder, env=dict(self.environment), capture_output=True)
         return Done(done.returncode, done.stdout.decode(), without_progress(done.stderr).decode())
+
+    def _with_smaller_values(self, commands: str) -> str:
+        """Gives options that are added later the same values before: mjrun warns of one that another replaces."""
+        for name, options in self.smaller.items():
+            for option, value in re.findall(r"(--[\w-]+) (\S+)", options):
+                commands = re.sub(rf"(mjrun {name} [^|;&\n]*?{option} )\S+", rf"\g<1>{value}", commands)
+        return commands
 
     def _in_process(self, command: str) -> Done:
         """Executes one `mjrun`, with the patterns and the redirection that the shell would resolve."""

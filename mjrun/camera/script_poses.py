@@ -11,7 +11,7 @@ from mjrun.camera.pose import EMPTY_FRUSTUM, CameraPose, Frustum, fitted, rotati
 from mjrun.camera.rigs.free_camera import BoundAutoRig, OutermostPoints
 from mjrun.camera.rigs.rig import BoundRig, MujocoCameras, ShakeNoise, ShotTime, blend_weight, compute_positions
 from mjrun.camera.script import CameraScript, Shot
-from mjrun.camera.targets import BoundingBoxes, object_bounds
+from mjrun.camera.targets import BoundingBoxes, GhostMotion, object_bounds
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, ModelError, UsageError, clean, concerning, option
 from mjrun.model.state import restore
@@ -89,14 +89,13 @@ class BoundCameraScript:
         states: Iterable[np.ndarray],
         times: Sequence[float],
         spans: Sequence[Span],
-        ghosts: Sequence[tuple[Sequence[np.ndarray] | None, np.ndarray]] = (),
+        ghosts: Sequence[GhostMotion] = (),
     ) -> list[str]:
         """Moves the cameras that show the whole motion, before `poses`; returns remarks about those that move.
 
         Args:
           states, times, spans: as in `poses`.
-          ghosts: the states of each ghost, the last of which remains, or None if it moves with the model; and its
-            displacement [m].
+          ghosts: the ghosts that are drawn with the model.
         """
         collections = {
             i: outermost for i, shot in enumerate(self._shots) if (outermost := shot.outermost_points(self._size))
@@ -109,12 +108,12 @@ class BoundCameraScript:
             compute_positions(self._model, self._data)
             for outermost in seen:
                 outermost.add(self._data)
-            for motion, offset in ghosts:
-                posed = state if motion is None else motion[min(index, len(motion) - 1)]
+            for ghost in ghosts:
+                posed = state if ghost.states is None else ghost.states[min(index, len(ghost.states) - 1)]
                 restore(self._model, self._data, posed)
                 compute_positions(self._model, self._data)
                 for outermost in seen:
-                    outermost.add_ghost(self._data, offset)
+                    outermost.add_ghost(self._data, ghost.offset)
         remarks = [self._shots[i].aim_at_motion(outermost) for i, outermost in collections.items()]
         return [f"{text}; {option('camera')} free stays where MuJoCo puts it" for text in remarks if text]
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable, Sequence
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -13,6 +14,19 @@ from mjrun.model.state import restore
 
 Vector = tuple[float, float, float]
 ObjectOrPoint = str | Vector  # an object, `box`, `geom:edge`, `site:tip`, `subtree:torso`, or a point [m]
+
+
+class GhostMotion(NamedTuple):
+    """The motion of a ghost, which cameras keep in view.
+
+    Attributes:
+      states: its states, the last of which remains; None if it moves with the model.
+      offset: its displacement [m].
+    """
+
+    states: Sequence[np.ndarray] | None
+    offset: np.ndarray
+
 
 FRAMES = {
     "body": mujoco.mjtObj.mjOBJ_XBODY,  # mjOBJ_BODY would be its centre of mass

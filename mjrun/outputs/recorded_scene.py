@@ -22,6 +22,7 @@ import numpy as np
 from mjrun.camera.pose import CameraPoseArray
 from mjrun.camera.script import CameraScript, ConditionEvent, parse_camera
 from mjrun.camera.script_poses import BoundCameraScript
+from mjrun.camera.targets import GhostMotion
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, OptionPath, UsageError, clean, concerning, option
 from mjrun.options.option import is_given, options, options_of
@@ -358,7 +359,7 @@ def place_scene(plan: ScenePlan, schedule: FrameSchedule, states: SceneStates) -
     decorations = list[Decoration]()
     for decoration, buffer in zip(plan.decorations, states.decorations, strict=True):
         decorations += decoration.drawn(iter(buffer), times)
-    ghosts = [(each.states, each.offset) for each in decorations if isinstance(each, Ghost)]
+    ghosts = [GhostMotion(each.states, each.offset) for each in decorations if isinstance(each, Ghost)]
     if model is not context.model:
         place_stage(model, iter(frames), ghosts)
     if plan.is_bare and (remark := ground_remark(model, frames[0])):

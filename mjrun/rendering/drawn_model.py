@@ -13,6 +13,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from mjrun.camera.targets import GhostMotion
 from mjrun.errors import BrokenModelError, CompiledOverrideError, file_errors, option
 from mjrun.model.additions import FLOOR, GROUND, LIGHT, SLANT
 from mjrun.model.fields import arrays, is_layout
@@ -113,13 +114,13 @@ def stage_parts(
 def place_stage(
     model: mujoco.MjModel,
     states: Iterable[np.ndarray],
-    ghosts: Iterable[tuple[Sequence[np.ndarray] | None, np.ndarray]] = (),
+    ghosts: Iterable[GhostMotion] = (),
 ) -> None:
     """Adapts a stage to the size of the model, and places its floor under the lowest point of the model and its ghosts.
 
     Args:
       states: the states that are drawn. Free bodies, which may fall without end, count only in the first.
-      ghosts: the states of each ghost, None if it moves with the model, and its displacement [m].
+      ghosts: the ghosts that are drawn with the model.
     """
     material = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_MATERIAL, FLOOR)
     floor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, FLOOR)
@@ -132,8 +133,9 @@ def place_stage(
         model.vis.map.shadowclip = AWAY
     if floor >= 0:
         heights = [own := _height_above(model, floor, states)]
-        for motion, offset in ghosts:
-            heights.append(offset[2] + (own if motion is None else _height_above(model, floor, motion)))
+        for ghost in ghosts:
+            height = own if ghost.states is None else _height_above(model, floor, ghost.states)
+            heights.append(ghost.offset[2] + height)
         model.body_pos[model.geom_bodyid[floor], 2] += min(heights)
 
 
