@@ -4,6 +4,7 @@ A message states what is wrong, where, and what is valid or to be done next: eac
 """
 
 import inspect
+import os
 import shlex
 import signal
 import subprocess
@@ -29,13 +30,20 @@ MADE: Mapping[str, Content] = {
     "keyframe that is not finite": MODEL.replace("</mujoco>", '<keyframe><key qpos="nan"/></keyframe></mujoco>'),
     "exploding model": MODEL.replace('timestep="0.01"', 'timestep="0.01" gravity="1e14 0 0"'),
     "policy that is not finite": lambda path: linear(path, np.full((1, 1), 0.5, np.float32), bias=np.nan),
+    "log of another machine": "time,qpos/hinge\n" + "".join(f"{t},{np.cos(9 * t)}\n" for t in np.arange(100) / 100),
 }
 
 
 def recording(arguments: list[str]) -> int:
-    """Runs mjrun, and writes down the classes of the errors that it reports."""
+    """Runs mjrun, and writes down the classes of the errors that it reports.
+
+    Packages in the folder of the case precede installed ones; the module that the variable WITHOUT names is missing.
+    """
     from mjrun.cli.main import run
 
+    sys.path.insert(0, "")
+    if missing := os.environ.get("WITHOUT"):
+        sys.modules[missing] = None  # type: ignore[assignment]
     signal.signal(signal.SIGINT, signal.default_int_handler)  # which the tests may ignore
     spell = errors.MjrunError.spelled
 
