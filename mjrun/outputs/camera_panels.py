@@ -14,7 +14,15 @@ from mjrun.formats.output_writer import FRAME_NAME, frame_name
 from mjrun.formats.segmentation_labels import labels_beside
 from mjrun.options.rendering import ViewOptions
 from mjrun.outputs.output import named_files
-from mjrun.rendering.compositor import CameraPanel, FrameComposition, FrameSpec, TextAndLivePlots, layout_size
+from mjrun.rendering.compositor import (
+    VIEW_NAMES,
+    CameraPanel,
+    FrameComposition,
+    FrameSpec,
+    TextAndLivePlots,
+    layout_size,
+)
+from mjrun.rendering.visual import colour_options
 
 
 @dataclass(frozen=True)
@@ -95,17 +103,28 @@ def output_files(options: ViewOptions, output: str, manifest: str | None) -> lis
     return [*outputs, *named_files(calibration=options.calibration, manifest=manifest)]
 
 
-def unused_options(options: ViewOptions, plot: Sequence[str] = ()) -> list[str]:
-    """Returns a warning if options for colour images are set although the output is numeric."""
+def unused_options(options: ViewOptions, plot: Sequence[str] = (), *, is_exact: bool = False) -> list[str]:
+    """Returns warnings about options for colour images that no image shows.
+
+    Args:
+      is_exact: whether the output is numeric.
+    """
     pictorial = {
         "text": options.text is not None,
         "captions": options.captions,
         "depth_range": options.depth_range is not None,
         "plot": bool(plot),
     }
-    names = [option(name) for name, is_used in pictorial.items() if is_used]
-    hint = f"{option('style')} color renders colours"
-    return [f"{', '.join(names)}: ignored, since the output is numeric; {hint}"] if names else []
+    names = [option(name) for name, is_used in pictorial.items() if is_used and is_exact]
+    hidden = [] if "rgb" in options.view else colour_options(options)
+    warnings: list[str] = []
+    if names:
+        hint = f"{option('style')} color renders colours"
+        warnings.append(f"{', '.join(names)}: ignored, since the output is numeric; {hint}")
+    if hidden:
+        views = " and ".join(VIEW_NAMES[view] for view in options.view)
+        warnings.append(f"{', '.join(hidden)}: not shown in images of {views}; {option('view')} rgb shows everything")
+    return warnings
 
 
 def _is_exact(options: ViewOptions, panels: Sequence[CameraPanel]) -> bool:

@@ -312,7 +312,7 @@ def _drawing_warnings(plan: FramePlan, files: Sequence[VideoOrImageFile], backen
     request, context = plan.request, plan.scene.context
     replay_remarks = context.simulation.replay_remarks(context.model)
     remarks = [text for each in plan.scene.decorations for text in each.remarks if text not in replay_remarks]
-    unused = unused_options(request, plan.plots) if all(file.exact for file in files) else []
+    unused = unused_options(request, plan.plots, is_exact=all(file.exact for file in files))
     return [*check_drawing(request, context.model, backend), *remarks, *unused]
 
 

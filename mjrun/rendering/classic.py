@@ -186,7 +186,7 @@ class ClassicRenderer:
         """Renders depth and ids in one pass without shading."""
         if self._buffer is None:
             self._buffer = SingleSampleFramebuffer(self.size)
-        with self._flags(segment=True, idcolor=True, **dict.fromkeys(COSTLY, False)):
+        with self._flags(segment=True, idcolor=True, depth=False, **dict.fromkeys(COSTLY, False)):
             colors, depth = self._buffer.draw(self._scene, self._context)
         if "depth" in views:
             seen = replace(seen, depth=metric_depth(depth, pose.frustum))

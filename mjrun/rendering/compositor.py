@@ -26,7 +26,7 @@ from mjrun.rendering.live_plot import LivePlot
 from mjrun.rendering.text import BACKGROUND, stamp
 from mjrun.rendering.visual import SegmentationIds, Visual
 
-NAMES = {"rgb": "colour", "depth": "depth", "seg": "segmentation"}
+VIEW_NAMES = {"rgb": "colour", "depth": "depth", "seg": "segmentation"}
 RENDERERS = {"classic": ClassicRenderer, "filament": FilamentRenderer}
 ASPECT = 16 / 9  # target ratio of width to height of a grid, unless many cells would be empty
 
@@ -261,7 +261,7 @@ class SceneCompositor:
     def caption(self, panel: CameraPanel) -> str:
         """Returns the caption of a panel: its camera, and its view if the frames show several views."""
         several = len({other.view for spec in self.specs for other in spec.panels}) > 1
-        return f"{self.names[panel.camera]} · {NAMES[panel.view]}" if several else self.names[panel.camera]
+        return f"{self.names[panel.camera]} · {VIEW_NAMES[panel.view]}" if several else self.names[panel.camera]
 
     def _colored(self, panel: CameraPanel, seen: CameraImages, with_legend: bool) -> np.ndarray:
         if panel.view == "rgb":

@@ -22,6 +22,11 @@ NOTHING = -1
 BODY_OF = {"geom": "geom_bodyid", "site": "site_bodyid", "joint": "jnt_bodyid", "camera": "cam_bodyid"}
 BODY_OF |= {"light": "light_bodyid"}
 DRAWN = ("geom", "site", "tendon", "flex", "skin", "joint", "actuator", "camera", "light", "body")
+# Flags that only change colours, and those that add geoms, which Filament renders only in colour images.
+COLOURING = {"texture", "transparent", "island", *enum_members(mujoco.mjtRndFlag)}
+MARKS = {"joint", "camera", "actuator", "activation", "light", "rangefinder", "constraint", "inertia", "sclinertia"}
+MARKS |= {"pertforce", "pertobj", "contactpoint", "contactforce", "contactsplit", "autoconnect", "com", "select"}
+MARKS |= {"bodybvh", "meshbvh", "sdfiter"}
 
 
 class SegmentationIds:
@@ -189,6 +194,19 @@ def visual_of(options: SceneOptions) -> Visual:
         label=options.label,
         quality=options.quality,
     )
+
+
+def colour_options(options: SceneOptions) -> list[str]:
+    """Returns the options in `options` that images of depth and segmentations do not show."""
+    flags = COLOURING | (MARKS if options.renderer == "filament" else set())
+    used = {
+        "ghost": bool(options.ghost),
+        "trail": bool(options.trail),
+        "label": options.label != "none",
+        "frame_axes": options.frame_axes != "none" and options.renderer == "filament",
+    }
+    names = [option(name) for name, is_used in used.items() if is_used]
+    return [*names, *(f"{option('show')} {name}" for name in options.show if name in flags)]
 
 
 def flags() -> list[str]:

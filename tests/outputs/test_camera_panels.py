@@ -4,6 +4,7 @@ import json
 import warnings
 from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -11,9 +12,9 @@ import pytest
 
 from mjrun.camera.script import parse_camera
 from mjrun.camera.script_poses import BoundCameraScript
-from mjrun.errors import MjrunWarning, UsageError
+from mjrun.errors import MjrunWarning, UsageError, spelled
 from mjrun.options.rendering import ViewOptions
-from mjrun.outputs.camera_panels import CalibrationFile, output_files, panel_files, panels_of
+from mjrun.outputs.camera_panels import CalibrationFile, output_files, panel_files, panels_of, unused_options
 from mjrun.outputs.image import Image
 from mjrun.outputs.output import ReservedFiles, named_files
 from mjrun.outputs.perform import perform
@@ -52,6 +53,33 @@ def test_what_numbers_have_no_room_for_is_reported(swing: Path, tmp_path: Path) 
         warnings.simplefilter("error")
         Image(simulation, f"{tmp_path}/e.png", size=(32, 24), view=["rgb", "depth"], separate=True, text="hi").run()
         Image(simulation, f"{tmp_path}/f.jpg", size=(32, 24), view="depth", text="hi").run()
+
+
+@pytest.mark.parametrize(
+    ("values", "hidden"),
+    [
+        (
+            {"view": "depth", "ghost": "offset=0/1/0", "trail": "box", "label": "body", "show": "joint,transparent"},
+            "ghost, trail, label, show transparent: not shown in images of depth; view rgb shows everything",
+        ),
+        (
+            {"view": ["seg", "depth"], "show": "joint", "frame_axes": "body", "renderer": "filament"},
+            "frame_axes, show joint: not shown in images of segmentation and depth; view rgb shows everything",
+        ),
+        ({"view": "depth", "show": "joint", "frame_axes": "body"}, None),
+        ({"view": ["rgb", "depth"], "ghost": "offset=0/1/0", "show": "transparent"}, None),
+    ],
+)
+def test_what_only_colour_images_show_is_reported(values: dict[str, Any], hidden: str | None) -> None:
+    assert [spelled(text) for text in unused_options(ViewOptions(**values))] == ([hidden] if hidden else [])
+
+
+def test_an_image_and_a_video_warn_of_ghosts_that_they_do_not_show(swing: Path, tmp_path: Path) -> None:
+    for make, output in ((Image, "d.npy"), (Video, "d.mkv")):
+        with pytest.warns(MjrunWarning, match="ghost: not shown in images of depth; view rgb shows everything"):
+            make(
+                Simulation(swing, duration=0.1), f"{tmp_path}/{output}", size=SIZE, view="depth", ghost="opacity=1"
+            ).run()
 
 
 def test_everything_that_a_video_wrote_is_in_its_result(swing: Path, tmp_path: Path) -> None:

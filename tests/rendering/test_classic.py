@@ -125,6 +125,16 @@ def test_a_draft_is_what_the_flags_of_mujoco_make_of_the_model(
     assert np.array_equal(draw(swing, 0, backend, quality="draft", show=show), expected)
 
 
+def test_the_flag_for_depth_in_grey_does_not_change_ids(swing: Path, backend: WorkingBackend) -> None:
+    model, data = instant(swing, 0)
+    place, found = pose("side", model, data), list[np.ndarray | None]()
+    for visual in (Visual(), Visual(show=["depth"])):
+        with closing(ClassicRenderer(model, SIZE, backend, visual, SegmentationIds(model))) as renderer:
+            renderer.set_state(state_of(model, data))
+            found.append(renderer.render(place, ["seg"]).ids)
+    assert np.array_equal(*found)
+
+
 def test_hidden_things_are_not_drawn(swing: Path, backend: WorkingBackend) -> None:
     green = np.array([0, 1, 0])
 
