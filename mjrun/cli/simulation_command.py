@@ -111,6 +111,7 @@ def simulation(command_line: ParsedCommandLine) -> "Simulation":
 
 
 def _source(command_line: ParsedCommandLine) -> "ModelSource":
+    import_mujoco()
     from mjrun.model.sources import is_task_name, parse_source
 
     text = command_line.argument("model")

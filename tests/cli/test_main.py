@@ -130,6 +130,13 @@ def test_an_input_other_than_the_model_that_is_missing_ends_with_seven(
     assert mjrun_here.files() == ["swing.xml"]
 
 
+@pytest.mark.parametrize(
+    "arguments", [["sweep", "scene:pendulum", "--vary", "opt.timestep=1e-3", "--dry-run"], ["check", "scene:pendulum"]]
+)
+def test_what_renders_nothing_does_not_mind_an_unknown_backend(mjrun: Command, arguments: list[str]) -> None:
+    assert mjrun(*arguments, env={"MUJOCO_GL": "elg"}).returncode == 0
+
+
 def test_a_bad_environment_is_a_wrong_option(mjrun: Command, swing: Path) -> None:
     done = mjrun("video", swing, env={"MUJOCO_GL": "elg"})
     assert done.returncode == 2

@@ -79,8 +79,8 @@ def check(console: Console, command_line: ParsedCommandLine) -> None:
         command_line = command_line.with_defaults(fix=True, dry_run=True)
     if options.scan:
         command_line = command_line.with_defaults(skip_other=True)
-    if command_line.value("fix"):
-        import_mujoco()
+    if command_line.value("fix") or any(":" in model for model in command_line.arguments("models")):
+        import_mujoco()  # names in collections need it, too
     job = command_line.make(Check, models=command_line.arguments("models"))
     command_line.require(opened_file("table"), options)
     written.require(OptionRequirement("unsafe_fixes", "fix", "which then makes more changes"), job)
