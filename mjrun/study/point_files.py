@@ -25,7 +25,7 @@ from mjrun.formats.temporary_output import remove_left_behind, scratch_folder
 from mjrun.options.option import values_of
 from mjrun.options.sweep import KeptFileOptions
 from mjrun.options.video import PointOrEpisodeVideoOptions
-from mjrun.outputs.output import OutputRequest, OutputResult
+from mjrun.outputs.output import OutputRequest, OutputResult, ReservedFiles
 from mjrun.platform.cores import available_cores
 from mjrun.probe.row_expression import Condition, parse_condition
 from mjrun.probe.select import selected_columns
@@ -83,6 +83,9 @@ class PointFileMaker:
             raise UsageError(f"{option(name)}: {where}\nuse a local folder with the same points")
         if options.contact_sheet is not None:
             with attributing("output", "contact_sheet"):
+                reserved = ReservedFiles()
+                reserved.reserve(prepared.folder.path(POINTS), "the files of points")
+                reserved.reserve(options.contact_sheet, option("contact_sheet"))
                 encoding(options.contact_sheet).check_fps(options.fps)
         if self.kinds:
             from mjrun.formats.ffmpeg import VideoWriter
@@ -142,7 +145,7 @@ class PointFileMaker:
                 messages = pool.map(make_isolated, [outputs[index] for index in missing])
                 for done, (index, message) in enumerate(zip(missing, messages, strict=True), 1):
                     if message:
-                        failures[index] = clean(message)
+                        failures[index] = message
                     failed = f", {len(failures)} failed" if failures else ""
                     reporter.progress(f"files of points{failed}", done, len(missing))
         except BaseException:  # such as an interruption, after which the processes have been killed

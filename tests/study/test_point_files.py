@@ -303,6 +303,14 @@ def test_videos_that_cannot_be_made_are_refused_before_the_study(
     assert not (tmp_path / "s").exists()
 
 
+@pytest.mark.parametrize("sheet", ["s/points/000001/video.mp4", "s/points/", "s/"])
+def test_a_contact_sheet_does_not_replace_files_of_points(ball: Simulation, tmp_path: Path, sheet: str) -> None:
+    study = Study(ball, f"{tmp_path}/s", vary=(("seed", "1..2:2"),), contact_sheet=f"{tmp_path}/{sheet}")
+    with pytest.raises(UsageError, match="clashes with the files of points") as caught:
+        study.run()
+    assert caught.value.path == ("contact_sheet",)
+
+
 def test_a_rate_of_a_contact_sheet_is_reported_at_its_option(ball: Simulation, tmp_path: Path) -> None:
     study = Study(ball, str(tmp_path / "s"), vary=(("seed", "1..2:2"),), contact_sheet="c.gif", fps=33)
     with pytest.raises(UsageError, match="GIF") as caught:
