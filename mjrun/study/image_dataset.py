@@ -110,8 +110,6 @@ class Dataset(DatasetOptions, ExecutionOptions):
             study.write_manifest({**facts, **prepared.identities})
             prepared.known.forget(self._lost(prepared))
             missing = prepared.missing(self.retry_failed)
-            if any(self._has_other(index, prepared) for index in missing):
-                self._remove(self._documents())  # which describe images that will be replaced
             prepared.note_known(missing, reporter)
             made = 0
             if missing:
@@ -216,10 +214,16 @@ class Dataset(DatasetOptions, ExecutionOptions):
         return document if isinstance(document, dict) else None
 
     def _publish(self, key: str, result: PointResult) -> None:
-        """Writes the files of a point, the record with its key last; removes those of an earlier point."""
+        """Writes the files of a point, the record with its key last; removes those of an earlier point.
+
+        If they replace images of another point, the documents that describe these are removed first.
+        """
         if not result.files:
             return
-        before = _paths(self._record(result.index))
+        record = self._record(result.index)
+        if record is not None and record.get("key") != key:
+            self._remove(self._documents())
+        before = _paths(record)
         *images, (path, content) = result.files
         self._remove(_labels(before))
         contents = {path: {"bytes": len(image), "sha256": _sha256(image)} for path, image in images}

@@ -235,6 +235,21 @@ def test_a_folder_that_had_other_images_or_formats_has_the_files_of_the_last_run
     assert [text for text in reporter.texts if "changed" in text] == ["changed since the last run: model, files"]
 
 
+def test_a_run_that_replaces_no_image_leaves_the_dataset_unchanged(
+    model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made(model, tmp_path / "set", format="coco")
+    before = contents(tmp_path / "set")
+
+    def interrupted(*_: object) -> NoReturn:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(PointImageMaker, "make", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        made(model, tmp_path / "set", format="coco", vary={"camera.azimuth": "uniform(0,20)"}, samples=3)
+    assert contents(tmp_path / "set") == before
+
+
 def test_times_and_cameras_make_several_images_of_a_point(model: Path, tmp_path: Path) -> None:
     simulation = mjrun.Simulation(model, qvel={"ball": (0, 0, 2, 0, 0, 0)})
     Dataset(simulation, str(tmp_path / "set"), times="0,0.1", camera=("free", "orbit"), size=(32, 24), jobs=1).run()
