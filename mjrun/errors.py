@@ -756,6 +756,8 @@ class SystemLimitError(MjrunError):
 
 def system_limit(error: BaseException) -> MjrunError | None:
     """Returns the error of the limit of the system that an exception reports; None for other exceptions."""
+    if isinstance(error, SystemLimitError):
+        return error
     number, reason = (error.errno, error.strerror) if isinstance(error, OSError) else (None, str(error))
     if isinstance(error, MemoryError) or number == errno.ENOMEM or NO_MEMORY in str(error):
         return OutOfMemoryError(str(error))

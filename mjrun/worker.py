@@ -33,7 +33,7 @@ from mjrun.child_process import (
     python_call,
 )
 from mjrun.dataclass import dataclass
-from mjrun.errors import MjrunError, exception_text
+from mjrun.errors import MjrunError, exception_text, system_limit
 from mjrun.platform import system
 
 ACCEPT_INTERVAL = 0.05  # [s] between two looks at whether a process that is to connect has ended
@@ -66,6 +66,7 @@ class PicklableException:
     def of(cls, error: Exception) -> "PicklableException":
         """Returns the picklable form of an exception."""
         trace = "".join(traceback.format_exception(error))
+        error = error if isinstance(error, MjrunError) else system_limit(error) or error
         if isinstance(error, MjrunError):
             return cls(type(error), error.args, dict(vars(error)), trace)
         return cls(None, (exception_text(error),), {}, trace)

@@ -148,6 +148,8 @@ def run(arguments: Sequence[str]) -> int:
         from mjrun.cli.commands.completion import complete
 
         return complete(group, os.environ[COMPLETE])
+    # As NumPy in `import_mujoco`: OpenBLAS interrupts a process in which it can start no thread.
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"
     for number in system.SIGNALS:
         if signal.getsignal(number) is not signal.SIG_IGN:  # as of nohup
             signal.signal(number, _end)

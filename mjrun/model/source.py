@@ -7,6 +7,7 @@ fingerprints, and bugs of the installed MuJoCo may affect it.
 import hashlib
 import math
 import re
+import threading
 import zipfile
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
@@ -33,6 +34,7 @@ from mjrun.errors import (
     listing,
     option,
     quoted,
+    system_limit,
 )
 from mjrun.model.mujoco_globals import refuse_python_callbacks, without_log
 from mjrun.model.names import KIND_OF_COUNT, KINDS
@@ -281,7 +283,7 @@ def lengthen_buffers(spec: mujoco.MjSpec, overrides: Iterable[Override]) -> None
 
 
 # All exceptions that MuJoCo's loaders are known to raise for a bad file. "Caught an unknown exception!" is
-# a RuntimeError and means that memory ran out.
+# a RuntimeError and means that memory ran out, or that no thread could be started.
 FAULTS = (ValueError, RuntimeError, MemoryError, TypeError, mujoco.FatalError, zipfile.BadZipFile, OSError)
 LONGEST = 1e12  # [s] the longest timestep: the times of later steps must be finite numbers, too
 NOT_UTF8 = "it contains a name that is not UTF-8; save the file as UTF-8"
@@ -371,6 +373,8 @@ def broken_model(path: Path, error: BaseException, hint: str = "", advice: str =
       advice: a note that is added if there is no hint.
     """
     message = str(error).strip()
+    if "unknown exception" in message:
+        _require_thread()
     if "unknown exception" in message or isinstance(error, MemoryError):
         message = "MuJoCo ran out of memory"
     lines = _LINE.findall(message)
@@ -384,6 +388,14 @@ def broken_model(path: Path, error: BaseException, hint: str = "", advice: str =
     if advice and not hint:  # a note is not part of MuJoCo's message
         broken.add_note(advice)
     return broken
+
+
+def _require_thread() -> None:
+    """Raises SystemLimitError if this process can start no thread, as MuJoCo does to compile a model."""
+    try:
+        threading.Thread(target=int).start()
+    except RuntimeError as error:
+        raise system_limit(error) or error from error
 
 
 def _is_timestep(value: float) -> bool:

@@ -8,7 +8,7 @@ from concurrent.futures import CancelledError, ThreadPoolExecutor
 from pathlib import Path
 from typing import cast
 
-from mjrun.errors import MjrunError, UsageError
+from mjrun.errors import MjrunError, SystemLimitError, UsageError, system_limit
 from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.study.point_server import new_worker
 from mjrun.study.spec import ChunkResult, PointChunk, PointResult, ShippedStudy, Status, StudyPoint, WorkerVersions
@@ -143,6 +143,7 @@ class IsolatedSimulator:
 
         Raises:
           UsageError: the process cannot open the study, such as without a library.
+          SystemLimitError: the system lets no process simulate a point.
           CancelledError: another thread has ended the process.
         """
         missing = {point.index: point for point in points}
@@ -170,6 +171,8 @@ class IsolatedSimulator:
             yield from self._simulated([point], time_limit)
         except (WorkerEndedError, MjrunError) as error:
             self.close()
+            if isinstance(limit := system_limit(error), SystemLimitError):
+                raise limit from error
             status, code = _ending(error)
             message = f"the process that simulated it {error}" if isinstance(error, WorkerEndedError) else str(error)
             if status == "timeout" and math.isfinite(time_limit):

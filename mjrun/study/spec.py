@@ -15,6 +15,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import (
     BadValueError,
     MjrunError,
+    SystemLimitError,
     UnknownNameError,
     UnstableError,
     UnstableWorldError,
@@ -25,6 +26,7 @@ from mjrun.errors import (
     flag,
     option,
     quoted,
+    system_limit,
 )
 from mjrun.experiment.design import ABSENT, SHORT_PATHS, Design, numbers, simulation_kinds
 from mjrun.model.override import ALTERNATIVES, EQUALS_IN_NAME, ORIENTATIONS, Override, apply, paths_of_field
@@ -171,7 +173,13 @@ class PointResult:
         Args:
           metrics: number of metrics.
           snapshot: copies of files, which the reason names as the user does.
+
+        Raises:
+          SystemLimitError: a limit of the system is the cause, and not the point.
         """
+        for cause in filter(None, (error, error.__context__)):
+            if isinstance(limit := system_limit(cause), SystemLimitError):
+                raise limit from error
         status: Status = "unstable" if isinstance(error, UnstableError | UnstableWorldError) else "failed"
         code = error.exit_code if isinstance(error, MjrunError) else BUG
         text = error.spelled(flag) if isinstance(error, MjrunError) else exception_text(error)

@@ -1,5 +1,6 @@
 """Theorems about the interface of sources: a collection offers its models by name."""
 
+import threading
 from collections.abc import Mapping
 from pathlib import Path
 from typing import ClassVar
@@ -8,8 +9,8 @@ import mujoco
 import pytest
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import ModelError, ModelNotFoundError
-from mjrun.model.source import CollectionModelSource
+from mjrun.errors import ModelError, ModelNotFoundError, SystemLimitError
+from mjrun.model.source import CollectionModelSource, broken_model
 
 
 @dataclass(frozen=True)
@@ -58,3 +59,15 @@ def test_errors_about_a_model_begin_with_its_source_once() -> None:
     with pytest.raises(ModelNotFoundError) as caught, source.named_in_errors():
         raise own
     assert caught.value is own
+
+
+def test_a_model_that_is_not_compiled_for_lack_of_threads_is_not_broken(monkeypatch: pytest.MonkeyPatch) -> None:
+    unknown = RuntimeError("Caught an unknown exception!")
+    assert "MuJoCo ran out of memory" in str(broken_model(Path("a.xml"), unknown))
+
+    def start(thread: threading.Thread) -> None:
+        raise RuntimeError("can't start new thread")
+
+    monkeypatch.setattr(threading.Thread, "start", start)
+    with pytest.raises(SystemLimitError, match="the system starts no other process or thread"):
+        broken_model(Path("a.xml"), unknown)

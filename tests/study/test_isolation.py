@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mjrun.errors import FileError
+from mjrun.errors import FileError, SystemLimitError
 from mjrun.simulation.simulation import Simulation
 from mjrun.study import point_server
 from mjrun.study.isolation import IsolatedSimulator, LocalExecutor, end_process, run_chunk
@@ -71,6 +71,19 @@ def test_a_crash_costs_the_point_that_crashes(spec: StudySpec) -> None:
     assert [result.status for result in results] == ["ok", "crashed", "ok", "crashed", "ok"]
     assert results[1].exit_code == 128 + signal.SIGSEGV
     assert "SIGSEGV" in results[1].message
+
+
+@pytest.mark.parametrize(
+    "text", ["can't start new thread", "thread constructor failed: Resource temporarily unavailable"]
+)
+def test_a_process_that_can_start_no_thread_ends_the_study(spec: StudySpec, text: str) -> None:
+    def controller(model: object, data: object) -> None:
+        raise RuntimeError(text)
+
+    controlled = replace(spec, base=replace(spec.base, controller=controller))
+    wanted = points(controlled, "ball", "ball")
+    with pytest.raises(SystemLimitError, match="the system starts no other process or thread"):
+        run_chunk(PointChunk(shipped(controlled, wanted), wanted))
 
 
 @pytest.mark.slow

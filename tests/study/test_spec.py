@@ -1,6 +1,8 @@
 """The simulation of a point is that of a command line with its values; versions and code determine its result."""
 
+import errno
 import pickle
+from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
 from importlib.metadata import version
@@ -9,11 +11,11 @@ from pathlib import Path
 import mujoco
 import pytest
 
-from mjrun.errors import BadValueError, UnknownNameError
+from mjrun.errors import BadValueError, FileError, SystemLimitError, UnknownNameError, file_errors
 from mjrun.experiment.design import Design
 from mjrun.model.sources import source_of
 from mjrun.simulation.simulation import Simulation
-from mjrun.study.spec import StudySpec, WorkerVersions, require_values, simulation_at, versions
+from mjrun.study.spec import PointResult, StudySpec, WorkerVersions, require_values, simulation_at, versions
 from tests.study.models import PENDULUM
 
 
@@ -90,3 +92,20 @@ def test_words_vary_in_upper_and_lower_case_and_a_wrong_one_is_refused_before_an
 def test_a_specification_can_be_sent_to_another_machine(base: Simulation) -> None:
     spec = StudySpec(base, ("seed",), (("swing", "max(qpos/hinge)"),))
     assert pickle.loads(pickle.dumps(spec)) == spec
+
+
+def no_more_files() -> None:
+    raise OSError(errno.EMFILE, "Too many open files")
+
+
+def no_more_files_to_read() -> None:
+    with file_errors("a.csv"):
+        no_more_files()
+
+
+@pytest.mark.parametrize("fail", [no_more_files, no_more_files_to_read])
+def test_a_limit_of_the_system_is_no_result_of_a_point(fail: Callable[[], None]) -> None:
+    with pytest.raises((OSError, FileError)) as caught:
+        fail()
+    with pytest.raises(SystemLimitError, match="Too many open files"):
+        PointResult.failed(0, caught.value, 1, None)
