@@ -30,7 +30,7 @@ from mjrun.formats.episodes import CameraVideoLayout, EpisodeLayout, EpisodeRows
 from mjrun.formats.input_file import exists, is_folder
 from mjrun.formats.local_and_remote_folders import written_file
 from mjrun.formats.output_writer import publish_together
-from mjrun.formats.temporary_output import one_at_a_time, published_in
+from mjrun.formats.temporary_output import one_at_a_time, published_in, remove_left_behind
 from mjrun.model.mujoco_globals import reported_warnings
 from mjrun.model.sources import demonstration_in
 from mjrun.model.sources.demonstration import errors_of_models, open_demonstrations
@@ -400,6 +400,8 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
                 facts = self._facts(layout, episodes)
                 writers.append(stack.enter_context(manifest_writer(Path(self.output) / MANIFEST, facts)))
                 publish_together(writers)
+        for inner, _, _ in os.walk(self.output):  # older files that a process left that was killed as it published
+            remove_left_behind(Path(inner))
         written = {each["key"] for each in episodes}
         for index, key in enumerate(prepared.keys):  # also what a process left that was killed here
             if key in written:  # another process may be about to publish others

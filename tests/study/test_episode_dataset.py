@@ -15,7 +15,7 @@ import pytest
 import mjrun
 import mjrun.gym
 from mjrun.errors import FailedEpisodesError, FileError, MjrunWarning, UsageError
-from mjrun.formats.temporary_output import TemporaryOutput
+from mjrun.formats.temporary_output import TemporaryOutput, unused_name
 from mjrun.policy.load import load_policy
 from mjrun.policy.policy import ActionSpace
 from mjrun.reporter import PythonApiReporter
@@ -147,6 +147,7 @@ def test_an_interrupted_dataset_continues_to_the_same_bytes_as_do_processes(
     before = contents(tmp_path / "at once")
     (left := tmp_path / "at once/mjrun/episodes/000001").mkdir(parents=True)  # by a process that was killed at its end
     (left / "key").touch()
+    unused_name(tmp_path / "at once/meta/info.json").touch()
     assert made(simulation, tmp_path / "at once").simulated == 0
     assert contents(tmp_path / "at once") == before
 

@@ -32,7 +32,7 @@ DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 VIDEO = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
 EPISODES = "meta/episodes/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 INFO, STATS, TASKS, CARD = "meta/info.json", "meta/stats.json", "meta/tasks.parquet", "README.md"
-COLORS = "mjrun/colors.json"  # sums of `Episode.colors`, for more episodes
+COLORS = "mjrun/colors.parquet"  # `EpisodeRows.colors` of each episode, for more episodes
 STATE, ACTION, IMAGES = "observation.state", "action", "observation.images."
 REWARD, DONE, TRUNCATED, SUCCESS = "next.reward", "next.done", "next.truncated", "next.success"
 INDICES = ("frame_index", "episode_index", "index", "task_index")
@@ -143,6 +143,9 @@ class _Dataset:
         self._episodes = self._frames = 0
         self._statistics = {name: RunningStatistics() for name in self._schema.names}
         self._colors = {camera.name: np.zeros((3, MOST + 1), np.int64) for camera in layout.cameras}
+        kind = pyarrow.list_(pyarrow.int64(), 3 * (MOST + 1))
+        self._color_schema = pyarrow.schema([pyarrow.field(name, kind) for name in self._colors])
+        self._color_rows = _TableFiles(stack, folder, COLORS, self._color_schema)
         self._data = _TableFiles(stack, folder, DATA, self._schema)
         self._videos = {camera.name: _VideoFiles(stack, folder, camera, layout.fps) for camera in layout.cameras}
         self._meta = _EpisodeRows(stack, folder)
@@ -155,7 +158,7 @@ class _Dataset:
         """
         try:
             self._read(count)
-        except (OSError, ValueError, KeyError, pyarrow.ArrowException) as error:
+        except (OSError, ValueError, KeyError, TypeError, pyarrow.ArrowException) as error:
             raise FileError(self._folder, f"contains a damaged dataset: {clean(str(error))}") from None
 
     def add(self, episode: EpisodeRows) -> None:
@@ -192,7 +195,7 @@ class _Dataset:
             self._statistics[name].add(values)
         for name, counts in episode.colors.items():
             row |= _row_statistics(IMAGES + name, color_statistics(counts, count))
-            self._colors[name] += counts
+        self._add_colors(episode.colors)
         self._meta.add(row)
         self._episodes, self._frames = self._episodes + 1, self._frames + count
 
@@ -203,16 +206,21 @@ class _Dataset:
             writers += files.finish()
         writers += self._meta.finish()
         writers.append(self._parquet(TASKS, _task_table(self._tasks)))
-        colors = {name: counts.tolist() for name, counts in self._colors.items()}
+        writers += self._color_rows.finish()
         documents = {
             STATS: _json(self._dataset_statistics()),
-            COLORS: _json(colors),
             CARD: _card(self._layout, self._episodes, self._frames, self._tasks).encode(),
             INFO: _json(self._info()),
         }
         for path, content in documents.items():
             writers.append(self._stack.enter_context(written_file(self._folder / path, content)))
         return writers
+
+    def _add_colors(self, colors: Mapping[str, np.ndarray]) -> None:
+        if colors:
+            self._color_rows.write(_table(self._color_schema, colors))
+        for name, counts in colors.items():
+            self._colors[name] += counts
 
     def _columns(self, episode: EpisodeRows) -> dict[str, np.ndarray]:
         """Returns the columns of the table `(T, n)`."""
@@ -248,8 +256,11 @@ class _Dataset:
             self._episodes, self._frames = index + 1, self._frames + table.num_rows
         for name, files in self._videos.items():
             files.read(rows, f"videos/{IMAGES}{name}")
-        colors = json.loads((self._folder / COLORS).read_bytes())
-        self._colors = {name: np.array(colors[name], np.int64) for name in self._colors}
+        if self._colors:
+            file = pyarrow.parquet.ParquetFile(self._folder / COLORS)
+            for group in range(count):
+                table = file.read_row_group(group).cast(self._color_schema)
+                self._add_colors({name: _values(table, name).reshape(3, -1) for name in self._colors})
         for row in rows:
             self._meta.add({key: value for key, value in row.items() if not key.startswith("meta/")})
 
