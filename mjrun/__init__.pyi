@@ -20,6 +20,8 @@ from mjrun.document.model_and_task_check import Check as _Check
 from mjrun.document.task import read_task as read_task
 from mjrun.evaluation.evaluation import Evaluation as _Evaluation
 from mjrun.evaluation.evaluation import EvaluationResult as EvaluationResult
+from mjrun.fitting.excitation import ExcitationResult as ExcitationResult
+from mjrun.fitting.excitation import excite as excite
 from mjrun.fitting.fit import Fit as _Fit
 from mjrun.fitting.result import FitResult as FitResult
 from mjrun.formats.ffmpeg import write_video as write_video
@@ -95,6 +97,7 @@ __all__ = [
     "EpisodeDatasetResult",
     "Evaluation",
     "EvaluationResult",
+    "ExcitationResult",
     "Export",
     "ExportResult",
     "Figure",
@@ -134,6 +137,7 @@ __all__ = [
     "Visual",
     "__version__",
     "evaluate",
+    "excite",
     "fit",
     "frames",
     "load",

@@ -4,6 +4,7 @@ import itertools
 import math
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -26,9 +27,11 @@ from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.names import SCALAR_JOINTS, control_names, names
 from mjrun.model.table_column import Column, with_unit
 from mjrun.options.fit import EXTRAS
+from mjrun.options.option import given_values
 from mjrun.packages import require_all
 from mjrun.probe.fields import field_probe
 from mjrun.reporter import PythonApiReporter, Reporter
+from mjrun.simulation.simulation import require_without
 
 FREQUENCIES = (0.1, 10.0)  # [Hz]
 SWEEP = 3.0  # least ratio of the two frequencies of a chirp
@@ -43,6 +46,10 @@ RIVALS = 4  # number of inputs that are weakened if none is within limits at the
 WEAKER = 0.7  # factor by which chirps are weakened until the motion is within limits
 TRIES = 12
 SLACK = 0.01  # margin at both ends of a range, as a share of it
+OF_FITS = (  # options that concern measurements
+    *("data", "holdout_data", "holdout", "noise", "loss", "starts", "keep_partial"),
+    *("output", "comparison", "ranges", "html", "video"),
+)
 FIELDS = ("qpos", "qvel", "actuator_force", "qfrc_actuator")
 
 
@@ -245,29 +252,25 @@ def excite(fit: Fit, reporter: Reporter | None = None) -> ExcitationResult:
       UnidentifiableError: even the best input does not determine the parameters; nothing is written.
       MjrunError: no input is possible.
     """
-    with collected_warnings():  # of unstable simulations, which are reported with their parameters
-        return _Excitation(fit, reporter or PythonApiReporter()).best()
+    copied = fit.simulation.with_snapshot()  # edits in the meantime have no effect
+    assert copied.snapshot
+    # Warnings concern unstable simulations, which are reported with their parameters.
+    with copied.snapshot.original_names_in_errors(), collected_warnings():
+        return _Excitation(replace(fit, simulation=copied), reporter or PythonApiReporter()).best()
 
 
 class _Excitation:
     def __init__(self, fit: Fit, reporter: Reporter) -> None:
         self._fit, self._reporter, self._begin = fit, reporter, time.perf_counter()
         require_all(EXTRAS)
-        assert fit.excite is not None
-        of_fits = {
-            "data": fit.data,
-            "holdout_data": fit.holdout_data,
-            "noise": fit.noise,
-            "output": fit.output,
-            "comparison": fit.comparison,
-            "ranges": fit.ranges,
-            "html": fit.html,
-            "video": fit.video,
-        }
-        for name, value in of_fits.items():
-            if value:
-                raise UsageError(f"{option('excite')} precedes measurements: leave {option(name)} out")
+        if fit.excite is None:
+            raise UsageError(f"{option('excite')} is missing: it names the table to write")
+        given = given_values(fit)
+        if name := next((each for each in OF_FITS if each in given), None):
+            what = "the tables" if name == "data" else option(name)
+            raise UsageError(f"{option('excite')} precedes measurements: leave {what} out", (name,))
         simulation = fit.simulation
+        require_without(simulation, ("map",), f"{option('excite')}, which precedes measurements")
         self._model = model = simulation.load()
         data = simulation.start.data(model)
         if not model.nu:

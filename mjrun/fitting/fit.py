@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import field, replace
 
+import mujoco
 import numpy as np
 
 from mjrun.dataclass import dataclass
@@ -43,7 +44,7 @@ from mjrun.fitting.shooting_problem import LOSSES, Floats, RoughMotionEstimate, 
 from mjrun.fitting.starting_states import StateGuesses
 from mjrun.model import state
 from mjrun.model.mujoco_globals import collected_warnings
-from mjrun.model.names import control_names
+from mjrun.model.names import control_names, control_slices
 from mjrun.model.table_column import Column
 from mjrun.options.fit import EXTRAS, FitOptions
 from mjrun.options.option import options
@@ -181,13 +182,14 @@ def misfit(
     """
     values = np.concatenate([part.values for part in solution.chunks])
     visible = shared(visible_noise(solution.residuals) * solution.noise, rotations)
+    least = rounding(values, rotations)
+    left = shared(solution.noise_scale, rotations)
     correlations, is_estimated = _correlations(solution), np.ones(len(noise), bool)
-    correlations[[*set_by_user]] = 0.0
     is_estimated[[*set_by_user]] = False
-    noise = np.where(is_estimated, np.minimum(noise, np.maximum(visible, rounding(values, rotations))), noise)
+    correlations[~is_estimated | (left < least)] = 0.0  # residuals of an exact log are the rounding of simulations
+    noise = np.where(is_estimated, np.minimum(noise, np.maximum(visible, least)), noise)
     noise = noise / shared(np.sqrt(visible_share(correlations)), rotations)
     spread = shared(spread_of(values, solution.loss), rotations)
-    left = shared(solution.noise_scale, rotations)
     ratios = left / np.maximum(noise, LEAST * spread)
     numbers = sum(int(np.isfinite(each).sum()) for each in solution.residuals)
     reduced = float((ratios**2).mean()) * numbers / max(numbers - solution.unknowns, 1)
@@ -302,6 +304,8 @@ class Fit(FitOptions):
           MjrunError: the fit is impossible.
           KeyboardInterrupt, TerminatedError: the fit was interrupted.
         """
+        if self.excite is not None:
+            raise UsageError(f"{option('excite')} designs an input instead: mjrun.excite(fit)", ("excite",))
         copied = self.simulation.with_snapshot()  # edits during the fit have no effect
         assert copied.snapshot
         # Warnings concern unstable simulations, which are reported with their parameters.
@@ -329,7 +333,7 @@ class _Run:
         if twice := set(fit.data) & set(fit.holdout_data):
             raise UsageError(f"{option('holdout_data')}: {clean(min(twice))} is both fitted and held out")
         if twice := {log for log in logs if logs.count(log) > 1}:
-            raise UsageError(f"{option('data')}: {clean(min(twice))} is given twice")
+            raise UsageError(f"{clean(min(twice))} is given twice", ("data",))
         linear = simulation.ctrl_interpolation == "linear"
         inputs = (logs, model, simulation.map, data.ctrl)
         self._measurements = read_measurements(*inputs, lambda whole: self._parts(whole)[0], linear=linear)
@@ -350,12 +354,13 @@ class _Run:
             self._noise[place] = deviation
         starting = StateGuesses(model, self._measurements.signals, state.save(model, data), self._noise)
         self._shooting = ShootingFit(self._predictor, self._parameters, starting, fit.loss, simulation.seed)
+        self._idle = self._without_effect(model, starting)
         self._outputs = FitOutputs(fit, simulation, self._predictor, self._parameters)
         self._latest: Solution | None = None
 
     def all(self) -> FitResult:
         sharing = [each.sharing for each in self._parameters if each.sharing]
-        for remark in [*self._measurements.remarks, *sharing]:
+        for remark in [*self._measurements.remarks, *sharing, *self._idle]:
             self._reporter.note(remark)
         starts = self._informative(self._starts(self._fit.starts))
         search = self._searched(starts)
@@ -424,6 +429,24 @@ class _Run:
         if not fitted.segments:
             raise UsageError(f"{option('holdout')} {self._fit.holdout:g} leaves nothing to fit")
         return fitted, held
+
+    def _without_effect(self, model: mujoco.MjModel, starting: StateGuesses) -> list[str]:
+        """Returns remarks on initial positions and velocities, and on controls, that the measurements replace."""
+        simulation, timestep, idle = self._fit.simulation, self._predictor.timestep, list[tuple[str, str]]()
+        parts = self._shooting.cut(self._measurements.segments)
+        guesses = [starting.guess(part, timestep) for part in parts]
+        for name, values in (("qpos", simulation.qpos), ("qvel", simulation.qvel)):
+            for key in values:
+                others = {each: numbers for each, numbers in values.items() if each != key}
+                start = state.save(model, replace(simulation.start, **{name: others}).data(model))
+                if np.array_equal(guesses, [starting.guess(part, timestep, start) for part in parts]):
+                    idle.append((name, key))
+        controls = control_names(model)
+        for key in simulation.ctrl:
+            names = {name for part in control_slices(model, key) for name in controls[part]}
+            if names <= self._measurements.commands:
+                idle.append(("ctrl", key))
+        return [f"{option(name)} {clean(key)} does nothing: the measurements set it" for name, key in idle]
 
     def _own_noise(self, solution: Solution) -> Solution:
         return with_noise(solution, shared(solution.noise_scale, self._measurements.rotations))
@@ -544,7 +567,7 @@ class _Run:
             len(self._fitted.segments),
             self._predictor.rollouts,
             [],
-            [*self._measurements.remarks, *left.remarks(), *map(spelled, hints)],
+            [*map(spelled, [*self._measurements.remarks, *self._idle, *left.remarks(), *hints])],
             ways,
             [],
             time.perf_counter() - self._begin,

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, FileError, UnknownNameError, UsageError, clean, counted, listing, option
+from mjrun.formats.table_reader import STDIN
 from mjrun.model.names import control_names, names
 from mjrun.physics.timed_rows import SLACK, require_times, without_gaps
 from mjrun.probe.fields import RecordedFieldProbe
@@ -224,12 +225,14 @@ class Measurements:
       segments: segments in the order of the files and of time.
       remarks: remarks for the user.
       rotations: indices of the signals that are quaternions.
+      commands: names of the controls that every log commands.
     """
 
     signals: Sequence[str]
     segments: Sequence[LogSegment]
     remarks: Sequence[str] = ()
     rotations: Sequence[Sequence[int]] = ()
+    commands: frozenset[str] = frozenset()
 
     @property
     def rows(self) -> int:
@@ -312,7 +315,8 @@ def read_measurements(
     places = [signals.index(name) for name in measured]
     parts = [replace(each, values=each.values[:, places]) for each in segments]
     parts = [each for each in parts if np.isfinite(each.values).any()]
-    return Measurements(measured, parts, remarks, rotations(measured, available))
+    commanded = frozenset(name for name in control_names(model) if all(name in table.commands for table in tables))
+    return Measurements(measured, parts, remarks, rotations(measured, available), commanded)
 
 
 def _relative_to_the_start(model: mujoco.MjModel, signals: Sequence[str]) -> list[str]:
@@ -326,6 +330,8 @@ class _Table:
     """One log and the expressions for its signals and commands."""
 
     def __init__(self, path: str, model: mujoco.MjModel, texts: Sequence[str], linear: bool) -> None:
+        if path == STDIN:
+            raise UsageError("measurements are read more than once, which standard input does not allow")
         self._path, self._model, self._linear = path, model, linear
         self._commands = [f"{CONTROLS}{name}" for name in control_names(model)]
         names = column_names(path)
@@ -336,6 +342,9 @@ class _Table:
         in_table = [name for each in names if (name := split_header(each)[0]) in mapped.sources]
         ordered = {name: mapped.sources[name] for name in in_table} | mapped.sources
         self._expressions = {TIME: mapped.time, **ordered}
+        self.commands = {name.removeprefix(CONTROLS) for name in ordered if name.startswith(CONTROLS)}
+        mapped_columns = {name for expression in self._expressions.values() for name in expression.columns}
+        self._unused = [name for name in mapped.unused if name not in mapped_columns]
         self.signals = [name for name in self._expressions if name != TIME and not name.startswith(CONTROLS)]
         if not self.signals:
             valid = listing([*ModelVocabulary(model).names][1:4])
@@ -356,6 +365,8 @@ class _Table:
         require_times(times, self._path)
         missing = np.full(len(times), np.nan)
         values = np.column_stack([columns.get(name, missing) for name in signals])
+        if self._unused:
+            remarks.append(f"{clean(self._path)}: unused columns: {listing(self._unused)}")
         if np.isinf(values).any():
             row, column = np.argwhere(np.isinf(values))[0]
             raise UsageError(f"{clean(self._path)}, row {row}: {clean(signals[int(column)])} is infinite")

@@ -7,6 +7,7 @@ as a ghost.
 
 import itertools
 import json
+import os
 import shutil
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, suppress
@@ -19,7 +20,7 @@ import numpy as np
 
 from mjrun.confinement.confinement import OUTSIDE, is_readable
 from mjrun.dataclass import dataclass
-from mjrun.errors import ModelError, UsageError, attributing, clean, concerning, listing, option
+from mjrun.errors import FileError, ModelError, UsageError, attributing, clean, concerning, listing, option
 from mjrun.fitting.free_parameter import FreeParameter, overrides, values_at
 from mjrun.fitting.prediction import Chunk, Predictor
 from mjrun.fitting.result import FitResult, FittedParameter
@@ -314,10 +315,12 @@ def _check_names(fit: FitOptions, simulation: Simulation) -> None:
         check_page_name(fit.html)
         require_matplotlib()
     reserved = ReservedFiles()
-    for log in dict.fromkeys([*fit.data, *fit.holdout_data]):
-        reserved.reserve(log, "the log, which is read")
-    for what, path in simulation.tables:
-        reserved.reserve(path, f"the {what}, which is read")
+    for log in [*fit.data, *fit.holdout_data]:
+        reserved.reserve_input(log, "the log, which is read")
+    replaced = fit.output is not None and os.path.realpath(fit.output)
+    for what, path in replace(simulation, snapshot=None).inputs:
+        if what != "model" or os.path.realpath(path) != replaced:
+            reserved.reserve_input(path, f"the {what}, which is read")
     outputs = {"output": fit.output, "comparison": fit.comparison, "ranges": fit.ranges, "html": fit.html}
     for name, path in named_files(**outputs, video=fit.video):
         with concerning(name):
@@ -364,9 +367,12 @@ class FittedModelFile:
         """Writes the text, to be published by the caller; `stack` removes it otherwise.
 
         Raises:
-          FileError: the file cannot be written.
+          FileError: the file cannot be written, or is that of the model and has changed in the meantime.
           UsageError: the text does not compile to the model with `overrides`.
         """
+        is_replaced = self.path.is_file() and os.path.realpath(self.path) == os.path.realpath(self.source.text)
+        if is_replaced and self.path.read_bytes() != self._main.read_bytes():
+            raise FileError(self.path, "has changed since it was read, and is left unchanged")
         text, made = self._text(overrides)
         return stack.enter_context(written_file(self.path, text)), made
 

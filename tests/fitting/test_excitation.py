@@ -24,7 +24,7 @@ def pendulum_in(folder: Path) -> Fit:
     (folder / "pendulum.xml").write_text(LIMITED.format(**TRUTH))
     simulation = Simulation(str(folder / "pendulum.xml"), duration=SECONDS)
     chirp = str(folder / "chirp.csv")
-    return Fit(simulation, free=FREE, excite=chirp, excite_noise=NOISE, velocity_limit=SPEED, starts=1)
+    return Fit(simulation, free=FREE, excite=chirp, excite_noise=NOISE, velocity_limit=SPEED)
 
 
 @pytest.fixture
@@ -143,8 +143,26 @@ def test_contacts_that_begin_are_reported(tmp_path: Path, pendulum: Fit) -> None
 
 
 def test_nothing_is_measured_yet(pendulum: Fit) -> None:
-    for name, value in {"output": "fitted.xml", "video": "fitted.mp4", "holdout_data": ("log.csv",)}.items():
+    of_fits = {
+        "output": "fitted.xml",
+        "video": "fitted.mp4",
+        "holdout_data": ("log.csv",),
+        "starts": 2,
+        "loss": "huber",
+    }
+    for name, value in of_fits.items():
         with pytest.raises(UsageError, match=f"precedes measurements: leave {name} out"):
             excite(replace(pendulum, **{name: value}))
+    with pytest.raises(UsageError, match="precedes measurements: leave the tables out"):
+        excite(replace(pendulum, data=("log.csv",)))
+    with pytest.raises(UsageError, match="map does not apply to excite, which precedes measurements"):
+        excite(replace(pendulum, simulation=replace(pendulum.simulation, map=("time=t",))))
     with pytest.raises(UsageError, match="excite_noise requires excite"):
         replace(pendulum, excite=None)
+
+
+def test_a_fit_and_the_design_of_an_input_are_not_taken_for_each_other(pendulum: Fit) -> None:
+    with pytest.raises(UsageError, match="excite designs an input instead"):
+        pendulum.run()
+    with pytest.raises(UsageError, match="excite is missing"):
+        excite(replace(pendulum, excite=None, excite_noise=1e-3, velocity_limit=None))

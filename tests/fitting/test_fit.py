@@ -74,6 +74,30 @@ def test_options_of_which_a_fit_makes_no_use_are_refused(tmp_path: Path, pendulu
         Fit(Simulation(pendulum.model, **driving), data=log(tmp_path), free=THREE).run()
 
 
+def test_initial_values_and_controls_that_the_log_replaces_are_reported(tmp_path: Path) -> None:
+    times, angles = simulate(0.6)
+    columns = {"time": times, "qpos/hinge": noisy(angles), "ctrl/motor": np.zeros(len(times))}
+    data = [str(write_log(tmp_path / "log.csv", columns)), str(tmp_path / "passive.csv")]
+    write_log(tmp_path / "passive.csv", {each: columns[each] for each in ("time", "qpos/hinge")})
+    model = str(write_model(tmp_path, **{**TRUTH, "damping": 0.2}))
+    simulation = Simulation(model, qpos={"hinge": 1}, qvel={"hinge": 1}, ctrl={"motor": 0})
+    idle = [f"{name} does nothing: the measurements set it" for name in ("qpos hinge", "qvel hinge", "ctrl motor")]
+    for count in (1, 2):  # the second log needs the control
+        result = Fit(simulation, data=data[:count], free=THREE[:1], starts=1, holdout=0).run()
+        assert result.remarks[: 4 - count] == idle[: 4 - count]
+        assert len(result.remarks) == 4 - count
+
+
+def test_remarks_spell_options(tmp_path: Path) -> None:
+    times, angles = simulate(0.6)
+    columns = {"time": times, "qpos/hinge": np.degrees(noisy(angles)), "qvel/hinge": np.gradient(angles, times)}
+    data = [str(write_log(tmp_path / "log.csv", columns))]
+    model = str(write_model(tmp_path, **{**TRUTH, "damping": 0.2}))
+    noise = {"qpos/hinge": 1e3, "qvel/hinge": 0.1}
+    fit = Fit(Simulation(model), data=data, free=THREE[:1], noise=noise, starts=1, holdout=0)
+    assert "add map 'qpos/hinge=qpos/hinge*pi/180'" in fit.run().remarks[0]
+
+
 @pytest.mark.parametrize(
     ("given", "other"),
     [({"camera": "free"}, "video"), ({"size": (64, 48)}, "video"), ({"excite_noise": 0.01}, "excite")],

@@ -30,6 +30,18 @@ def test_columns_count_by_name_or_by_a_map(tmp_path: Path) -> None:
     np.testing.assert_allclose(mapped.segments[0].values, named.segments[0].values, rtol=1e-15)
     assert named.segments[0].controls[:, 0].tolist() == TIMES.tolist()
     assert not mapped.segments[0].controls.any()
+    assert (named.commands, mapped.commands) == ({"motor"}, set())
+
+
+def test_columns_that_have_no_effect_are_reported(tmp_path: Path) -> None:
+    found = read(tmp_path, {"time": TIMES, "angle": TIMES, "ctrl/moto": TIMES, "else": TIMES}, ("qpos/hinge=angle",))
+    assert found.remarks == [f"{tmp_path}/log.csv: unused columns: ctrl/moto, else"]
+
+
+def test_standard_input_is_refused(tmp_path: Path) -> None:
+    model = parse_source(str(write_model(tmp_path))).load()
+    with pytest.raises(UsageError, match="read more than once, which standard input does not allow"):
+        read_measurements(["-"], model, (), np.zeros(1))
 
 
 def test_units_in_headers_are_converted(tmp_path: Path) -> None:

@@ -29,6 +29,7 @@ from mjrun.model.sources import parse_source
 from mjrun.model.sources.file import FileSource
 from mjrun.model.table_column import Column
 from mjrun.physics.random_distribution import parse_distribution
+from mjrun.reporter import PythonApiReporter
 from mjrun.simulation.simulation import Simulation
 from tests.fitting.logs import NOISE, TRUTH, noisy, simulate, write_log, write_model
 from tests.fitting.problems import THREE, segments, shooting
@@ -85,6 +86,30 @@ def test_what_stands_in_an_included_file_is_refused(tmp_path: Path) -> None:
     write_model(tmp_path)
     with pytest.raises(UsageError, match=r"set in pendulum\.xml, which .*main\.xml includes"):
         FittedModelFile(tmp_path / "fitted.xml", FileSource(tmp_path / "main.xml")).check(OVERRIDES)
+
+
+def test_a_file_that_the_model_includes_is_not_overwritten(fit: Fit, tmp_path: Path) -> None:
+    """A model that replaced it would include itself."""
+    model = tmp_path / "pendulum.xml"
+    model.write_text(model.read_text().replace("<worldbody>", '<include file="more.xml"/><worldbody>', 1))
+    more = tmp_path / "more.xml"
+    more.write_text('<mujoco><worldbody><geom size=".1"/></worldbody></mujoco>')
+    with pytest.raises(UsageError, match=r"more\.xml clashes with the file of the model, which is read"):
+        replace(fit, output=str(more)).run()
+    replace(fit, output=str(model)).run()
+    assert FileSource(model).load().ngeom == 2
+
+
+def test_a_model_that_is_edited_while_it_is_fitted_is_not_overwritten(fit: Fit, tmp_path: Path) -> None:
+    class Editor(PythonApiReporter):
+        def progress(self, what: str, done: int, total: int) -> None:
+            model.write_text(edited)
+
+    model = tmp_path / "pendulum.xml"
+    edited = model.read_text().replace("rod that hangs", "rod that swings")
+    with pytest.raises(FileError, match=r"pendulum\.xml: has changed since it was read, and is left unchanged"):
+        replace(fit, output=str(model)).run(Editor())
+    assert model.read_text() == edited
 
 
 def test_it_is_xml_of_a_model_that_has_a_file(tmp_path: Path) -> None:

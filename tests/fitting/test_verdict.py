@@ -65,6 +65,14 @@ def test_noise_that_is_correlated_is_no_misfit_unless_its_size_is_known() -> Non
     assert misfit(with_residuals(noise(3) + slow), solution.noise, ()).warning()
 
 
+def test_rounding_of_simulations_is_no_noise_of_an_exact_log() -> None:
+    """It is correlated, as errors of each step are carried into the next."""
+    solution = with_residuals(1e-10 * signal.lfilter([0.6], [1, -0.8], noise(3), axis=0))
+    fit = misfit(solution, np.full_like(solution.noise, 1e-7), ())
+    assert not fit.remarks()
+    assert fit.reduced < 1e-6
+
+
 def test_high_frequencies_of_the_motion_hide_no_misfit() -> None:
     """Of a log under random controls, these are far above its noise."""
     white, estimated = noise(3), 100 * solved()[0].noise
