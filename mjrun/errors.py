@@ -178,7 +178,7 @@ class FailureReport:
     @classmethod
     def of(cls, error: "MjrunError") -> "FailureReport":
         """Returns the failure that `error` represents, with its public attributes as facts."""
-        hidden = ("results", "path")
+        hidden = ("results", "path", "file")
         facts = {name: plain(v) for name, v in vars(error).items() if name not in hidden and not name.startswith("_")}
         return cls(type(error).__name__, error.spelled(flag), error.exit_code, facts)
 
@@ -217,6 +217,7 @@ class MjrunError(Exception):
 
     exit_code = 70
     results: Sequence[Any] = ()
+    _is_located = False
     _marked: Mapping[str, str] = {}  # notes with marks around their options, by what tracebacks print
 
     def __str__(self) -> str:
@@ -227,6 +228,11 @@ class MjrunError(Exception):
         shown = _message(note)
         self._marked = {**self._marked, shown: note}
         super().add_note(shown)
+
+    def locate(self, place: str) -> None:
+        """Puts the place in a document that names the subject of the error before its message, unless it has one."""
+        if not self._is_located:
+            self.args, self._is_located = (f"{place}: {self.args[0]}",), True
 
     def spelled(self, spelling: Spelling) -> str:
         """Returns the message and its notes, with options as `spelling` writes their names."""
@@ -544,6 +550,9 @@ class ModelNotFoundError(ModelError):
 
     Args:
       meant: names that are suggested instead of similar ones.
+
+    Attributes:
+      file: the path, or the name in a collection.
     """
 
     def __init__(
@@ -557,7 +566,8 @@ class ModelNotFoundError(ModelError):
     ) -> None:
         hint = suggestion(Path(path).name if name is None else name, valid, *meant)
         choices = f"\n{clean(place)}: {listing(valid)}" if valid else ""
-        super().__init__(f"{clean(str(path))}: {reason}{hint}{choices}")
+        self.file = str(path)
+        super().__init__(f"{clean(self.file)}: {reason}{hint}{choices}")
 
 
 class BrokenModelError(ModelError):
@@ -726,11 +736,12 @@ class EncoderError(MjrunError):
 
 
 class FileError(MjrunError):
-    """An output that cannot be written, or an input other than the model that cannot be read."""
+    """An output that cannot be written, or an input other than the model that cannot be read; `file` is its path."""
 
     exit_code = 7
 
     def __init__(self, path: Path | str, reason: str, hint: str = "") -> None:
+        self.file = str(path)
         text = re.sub(r"^file:/(?!/)", "file:///", str(path))
         text = re.sub(r"^([a-zA-Z][a-zA-Z0-9+.-]+:)/(?!/)", r"\1//", text)  # of a URL, which a path shortens
         super().__init__(f"{clean(text)}: {reason}" + (f"\n{hint}" if hint else ""))

@@ -31,9 +31,8 @@ def explain(error: ModelError, source: XmlSource) -> list[Finding]:
     if isinstance(error, BrokenModelError):
         return _by_place(compile_errors.explain(error, source), source.path)
     message, _, remedy = error.spelled(option).partition("\n")
-    return [
-        check_itself.MISSING_MODEL.in_model(source.path, message.removeprefix(f"{clean(str(source.path))}: "), remedy)
-    ]
+    reason = message.rpartition(f"{clean(str(source.path))}: ")[-1]  # without the place in the document of a task
+    return [check_itself.MISSING_MODEL.in_model(source.path, reason, remedy)]
 
 
 def ignored_xml(source: XmlSource) -> list[Finding]:

@@ -15,7 +15,15 @@ from typing import Generic, TypeVar, cast
 
 from mjrun.dataclass import dataclass
 from mjrun.document.reader import read
-from mjrun.document.tree import DeclaredAt, DocumentFault, DocumentPath, MappingNode, document_error, option_fault
+from mjrun.document.tree import (
+    DeclaredAt,
+    DocumentFault,
+    DocumentPath,
+    MappingNode,
+    document_error,
+    located_files,
+    option_fault,
+)
 from mjrun.errors import DocumentError, DocumentProblem, UsageError, clean, option, quoted
 from mjrun.model.sources import is_file
 from mjrun.options.kinds import AnyKind, CameraKind, GhostKind, MujocoNameKind, ReadingContext, TextKind
@@ -190,7 +198,8 @@ class DocumentValueBuilder:
     def attempt(self, place: DocumentPath, make: Callable[[], T]) -> T | None:
         """Calls `make`; collects its error and returns None if it fails."""
         try:
-            return make()
+            with located_files(self.tree, self.folders.input):
+                return make()
         except DocumentError as error:
             self.folders.problems.extend(error.problems)
         except UsageError as error:
@@ -232,8 +241,10 @@ def merged_values(
 
 
 @contextmanager
-def located_errors(tree: MappingNode, declared_at: DeclaredAt, overriding: Collection[str] = ()) -> Generator[None]:
-    """Converts errors about options to errors at lines of the document.
+def located_errors(
+    tree: MappingNode, folders: DocumentContext, declared_at: DeclaredAt, overriding: Collection[str] = ()
+) -> Generator[None]:
+    """Converts errors about options to errors at lines of the document, and adds these to errors of its files.
 
     Args:
       overriding: options of the command line, whose errors have no place in the document.
@@ -242,7 +253,8 @@ def located_errors(tree: MappingNode, declared_at: DeclaredAt, overriding: Colle
       DocumentError: an option is invalid.
     """
     try:
-        yield
+        with located_files(tree, folders.input):
+            yield
     except DocumentError:
         raise
     except UsageError as error:
@@ -313,7 +325,7 @@ class SimulationDocumentReader(Generic[Made]):
         folders = DocumentContext(Path(path).parent)
         document, tree = read(path, self.record, folders, assignments, variables=True)
         made = self.made(tree, folders, document, defaults, values, code)
-        return LoadedDocument(made, lambda: located_errors(tree, self.declared_at, values))
+        return LoadedDocument(made, lambda: located_errors(tree, folders, self.declared_at, values))
 
     def made(
         self,

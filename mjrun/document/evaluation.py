@@ -117,7 +117,7 @@ def read_evaluation(
         return Evaluation(task=task, rewritten=rewritten, **chosen)  # type: ignore[arg-type]
 
     made = builder.made(make)
-    return LoadedEvaluationDocument(made, lambda: located_errors(tree, _declared_at, values), changes)
+    return LoadedEvaluationDocument(made, lambda: located_errors(tree, folders, _declared_at, values), changes)
 
 
 def evaluated_task(text: str, assignments: Sequence[str]) -> tuple[ModelSource, Rewritten | None]:

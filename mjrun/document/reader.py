@@ -411,7 +411,7 @@ class _Reader:
         context.documents.extend(self.files)
         if root:
             top = SchemaViolationCollector()
-            with top.at():
+            with top.at(), tree.located_files(root, context.input):
                 values.append(cast("T", record.read(tree.plain(root), context)))
             self.faults += tree.violation_faults(top.all, root, (VARS, DEFAULTS) if self.variables else ())
         if root is None or not values or self.faults:

@@ -34,6 +34,7 @@ from mjrun.document.tree import (
     MappingNode,
     document_error,
     find,
+    located_files,
     option_fault,
     path_text,
     written_path,
@@ -114,21 +115,22 @@ class LoadedRunDocument:
         tree: MappingNode,
         requests: Mapping[DocumentPath, OutputRequest[OutputResult]],
         page: PageOptions,
-        documents: Sequence[str] = (),
+        folders: DocumentContext,
     ) -> None:
-        self.page, self.documents = page, documents
-        self._tree, self._places = tree, list(requests)
+        self.page, self.documents = page, folders.documents
+        self._tree, self._folders, self._places = tree, folders, list(requests)
         self.outputs = list(requests.values())
 
     @contextmanager
     def located(self) -> Generator[None]:
-        """Converts errors of the requests to errors at lines of the document.
+        """Converts errors of the requests to errors at lines of the document, and adds these to errors of its files.
 
         Raises:
           DocumentError: the document is faulty; all faults are listed.
         """
         try:
-            yield
+            with located_files(self._tree, self._folders.input):
+                yield
         except UsageError as error:
             faulty = (
                 error if isinstance(error, FaultyRequestsError) else error.__cause__
@@ -165,7 +167,7 @@ def read_run(
     document, tree = read(path, RUN, folders, assignments, variables=True)
     builder = _Builder(tree, folders, options, command)
     page = builder.page(document)
-    return LoadedRunDocument(tree, builder.requests(document), page, folders.documents)
+    return LoadedRunDocument(tree, builder.requests(document), page, folders)
 
 
 class _Builder(DocumentValueBuilder):

@@ -28,7 +28,7 @@ from mjrun.confinement.confinement import is_readable
 from mjrun.dataclass import dataclass
 from mjrun.document.builder import MODEL, DocumentContext, DocumentValueBuilder, Values, values_of
 from mjrun.document.reader import read, unchecked_document
-from mjrun.document.tree import DocumentPath, MappingNode, document_error, number, option_fault
+from mjrun.document.tree import DocumentPath, MappingNode, document_error, locate_file, number, option_fault
 from mjrun.errors import UnknownNameError, UsageError, quoted
 from mjrun.model.override import overrides_of
 from mjrun.model.source import ModelSource
@@ -41,7 +41,7 @@ from mjrun.options.option import Options, document_key, options, options_of
 from mjrun.options.structured_kinds import ListKind, MappingKind, OneOfKind, OptionsMappingKind
 from mjrun.options.task import PARTS, TaskOptions
 from mjrun.suffixes import YAML
-from mjrun.task.task import Action, Command, Observation, Reset, Reward, Task, Termination
+from mjrun.task.task import Action, Command, LocatableError, Observation, Reset, Reward, Task, Termination
 
 Made = TypeVar("Made")
 
@@ -103,12 +103,17 @@ class _TaskDocumentPlaces:
 
     Attributes:
       tree: the document with the places of its values.
+      folder: the folder of the document.
     """
 
     tree: MappingNode
+    folder: Path
 
-    def located(self, error: UsageError) -> UsageError:
+    def located(self, error: LocatableError) -> LocatableError:
         """Returns `error` at its line; unchanged if the document does not contain its subject."""
+        if not isinstance(error, UsageError):
+            locate_file(self.tree, DocumentContext(self.folder).input, error)
+            return error
         if not error.path or error.path[0] not in self.tree.entries or self._lacks_setting(error.path):
             return error
         return document_error([option_fault(self.tree, (), error, declared_at)])
@@ -174,7 +179,8 @@ class _Builder(DocumentValueBuilder):
             "reset": self._reset(document),
         }
         task = cast("Callable[..., Task]", Task)
-        return self.made(lambda: task(**values, path=path, name=name, places=_TaskDocumentPlaces(self.tree)))
+        places = _TaskDocumentPlaces(self.tree, path.parent)
+        return self.made(lambda: task(**values, path=path, name=name, places=places))
 
     def _model(self, document: Values) -> ModelSource:
         written = str(document["model"])

@@ -2,15 +2,19 @@
 
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import field
 from fractions import Fraction
+from pathlib import Path
 from typing import NamedTuple, cast
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import (
     DocumentError,
     DocumentProblem,
+    FileError,
+    ModelNotFoundError,
     UsageError,
     clean,
     listing,
@@ -150,6 +154,21 @@ def node_of(value: object, mark: DocumentPlace) -> Node:
             return ScalarNode(mark, value, "" if value is None else str(value))
         case _:
             return ReportedFaultNode(mark)
+
+
+def scalars(node: Node, path: DocumentPath = ()) -> Iterator[tuple[DocumentPath, ScalarNode]]:
+    """Yields the single values below `node`, with their paths."""
+    match node:
+        case ScalarNode():
+            yield path, node
+        case ListNode():
+            for index, item in enumerate(node.items):
+                yield from scalars(item, (*path, index))
+        case MappingNode():
+            for key, inner in node.entries.items():
+                yield from scalars(inner, (*path, key))
+        case ReportedFaultNode():
+            pass
 
 
 def find(node: Node, path: DocumentPath) -> Node:
@@ -300,6 +319,29 @@ def _entry_path(tree: MappingNode, place: DocumentPath, path: DocumentPath, decl
             return (each.key, owners[index], *rest)
         case _:
             return (each.key, *path[1:])
+
+
+Resolve = Callable[[str], str]  # resolves a path in a document
+
+
+@contextmanager
+def located_files(tree: Node, resolve: Resolve) -> Generator[None]:
+    """Adds the place in a document to the error of a file in the `with` block, if the document names the file."""
+    try:
+        yield
+    except (FileError, ModelNotFoundError) as error:
+        locate_file(tree, resolve, error)
+        raise
+
+
+def locate_file(tree: Node, resolve: Resolve, error: FileError | ModelNotFoundError) -> None:
+    """Adds the place in a document to the error of a file, if the document names the file or a demonstration in it."""
+    for path, node in scalars(tree):
+        if node.mark.line and isinstance(node.value, str):
+            text = resolve(node.value)
+            if Path(error.file) in (Path(text), Path(text.rpartition(":")[0]), Path(node.value)):
+                return error.locate(f"{node.mark}: {path_text(path)}")
+    return None
 
 
 def meaning(text: str) -> bool | int | float | str | None:

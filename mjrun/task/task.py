@@ -14,7 +14,17 @@ from typing import Protocol, cast
 import mujoco
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, option, quoted
+from mjrun.errors import (
+    BadValueError,
+    FileError,
+    ModelNotFoundError,
+    UnknownNameError,
+    UsageError,
+    clean,
+    concerning,
+    option,
+    quoted,
+)
 from mjrun.model.source import ModelSource
 from mjrun.model.sources import source_of
 from mjrun.options import task as options_of_tasks
@@ -133,10 +143,13 @@ class Termination(options_of_tasks.TerminationOptions):
         return Ending(name, cast("EndingKind", self.as_))
 
 
+LocatableError = UsageError | FileError | ModelNotFoundError
+
+
 class Places(Protocol):
     """The positions at which a task is written, such as the lines of a document."""
 
-    def located(self, error: UsageError) -> UsageError:
+    def located(self, error: LocatableError) -> LocatableError:
         """Returns `error` with the position that it concerns."""
         ...
 
@@ -145,14 +158,14 @@ class ErrorLocator(AbstractContextManager[None]):
     """A context that reports errors in a task where it is written; a class, because it is entered at every reset.
 
     Raises:
-      UsageError: the one raised within, at its line of the document if there is one.
+      LocatableError: the one raised within, at its line of the document if there is one.
     """
 
     def __init__(self, places: Places | None) -> None:
         self._places = places
 
     def __exit__(self, kind: object, error: BaseException | None, traceback: object) -> None:
-        if isinstance(error, UsageError) and self._places:
+        if isinstance(error, LocatableError) and self._places:
             located = self._places.located(error)
             if located is not error:
                 raise located from error

@@ -12,7 +12,7 @@ from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.script import CameraScript, ConditionEvent, Shot
 from mjrun.document import run
 from mjrun.document.run import read_run
-from mjrun.errors import DocumentError, FileError, UsageError, listing
+from mjrun.errors import DocumentError, FileError, ModelNotFoundError, UsageError, listing
 from mjrun.options.run import RunCommandOptions
 from mjrun.outputs.image import Image
 from mjrun.outputs.perform import perform
@@ -252,8 +252,39 @@ def test_what_is_wrong_in_camera_documents_is_reported_after_what_is_wrong_here(
 
 
 def test_a_camera_document_that_is_not_there_is_a_missing_file() -> None:
-    with pytest.raises(FileError, match=r"^fly\.yaml: no such file"):
+    with pytest.raises(FileError, match=r"^d\.yaml:2:34: videos\[0\]\.camera: fly\.yaml: no such file"):
         jobs(f"{HEAD}videos: [{{output: a.mp4, camera: fly.yaml}}]")
+
+
+def perform_document(path: str) -> None:
+    request = read_run(path, [], OUT)
+    with request.located():
+        perform(request.outputs)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("model: no.xml\ntraces: [a.csv]", "d.yaml:1:8: model: no.xml: no such model file"),
+        ("model: scene:no\ntraces: [a.csv]", "d.yaml:1:8: model: scene:no: no such scene"),
+        ("model: m.xml\nctrl_from: no.csv\ntraces: [a.csv]", "d.yaml:2:12: ctrl_from: no.csv: no such file"),
+        ("model: m.xml\nreplay: no.hdf5:demo_1\ntraces: [a.csv]", "d.yaml:2:9: replay: no.hdf5: no such file"),
+        (
+            "model: m.xml\ntraces: [{output: a.csv, golden: no.csv}]",
+            "d.yaml:2:34: traces[0].golden: no.csv: the golden",
+        ),
+        (
+            "model: m.xml\nimages: [{output: a.png, ghost: {trace: no.csv}}]",
+            "d.yaml:2:41: images[0].ghost.trace: no.csv: no such file",
+        ),
+    ],
+)
+def test_a_missing_file_is_reported_at_the_line_that_names_it(text: str, message: str) -> None:
+    Path("m.xml").write_text(MODEL)
+    Path("d.yaml").write_text(text)
+    with pytest.raises((FileError, ModelNotFoundError)) as caught:
+        perform_document("d.yaml")
+    assert str(caught.value).startswith(message)
 
 
 def test_a_controller_and_a_table_of_controls_exclude_each_other() -> None:

@@ -14,7 +14,7 @@ import mjrun
 from mjrun.document import task as task_module
 from mjrun.document.json_schema import json_schema
 from mjrun.document.task import read_task
-from mjrun.errors import DocumentError, FileError, UnknownNameError, UsageError, concerning
+from mjrun.errors import DocumentError, FileError, ModelNotFoundError, UnknownNameError, UsageError, concerning
 from mjrun.options.model import ModelOptions
 from mjrun.options.option import Options, options_of
 from mjrun.options.task import (
@@ -241,6 +241,16 @@ def test_what_the_document_does_not_say_is_no_fault_of_it() -> None:
     assert not isinstance(caught.value, DocumentError)
     with pytest.raises(DocumentError, match=r"^t\.yaml:6:7: set\.opt\.cone: lost"), read(WHOLE + settings).located():
         raise UsageError("lost", ("set", "opt.cone"))
+
+
+def test_a_missing_model_is_reported_at_its_line_once() -> None:
+    made = read(WHOLE.replace("scene:car", "no.xml"))
+    with (
+        pytest.raises(ModelNotFoundError, match=r"^t\.yaml:1:8: model: no\.xml: no such model"),
+        made.located(),
+        made.located(),
+    ):
+        made.compile()
 
 
 def test_a_document_that_is_not_there_is_reported() -> None:
