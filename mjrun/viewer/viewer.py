@@ -24,7 +24,7 @@ from mjrun.outputs.output import ReservedFiles
 from mjrun.physics.simulation_loop import ReplayStepper
 from mjrun.physics.stepper import EditableStepper, Stepper
 from mjrun.reporter import PythonApiReporter, Reporter
-from mjrun.shared_status import uninterrupted
+from mjrun.shared_status import completing, uninterrupted
 from mjrun.simulation.manifest import origin
 from mjrun.simulation.policy_episode import EpisodeResult
 from mjrun.simulation.simulation import Simulation, require_simulation, require_whole
@@ -289,7 +289,7 @@ class Viewer(ViewerOptions):
         """
         reporter = reporter or PythonApiReporter()
         start = time.perf_counter()
-        with ExitStack() as stack:
+        with ExitStack() as completion, ExitStack() as stack:
             warnings = stack.enter_context(collected_warnings())
             model = self.simulation.load()
             for text in self._endless.remarks(model):
@@ -304,6 +304,7 @@ class Viewer(ViewerOptions):
                     raise live.failure
             except BaseException as end:  # an interruption too, which an error of the recording would replace
                 if recording:
+                    completion.enter_context(completing())  # or else this process may be killed before it reports
                     _publish_after(end, live, recording)
                 raise
             files = _publish(live, recording) if recording else []

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from mjrun.errors import NoWindowError, TerminatedError, UnstableError, UsageError
 from mjrun.outputs.recording import Recording
+from mjrun.shared_status import ProcessActivityMemory, record_status_in
 from mjrun.simulation.simulation import Simulation
 from mjrun.viewer import window as windows
 from mjrun.viewer.viewer import WATCHED, Pacer, Viewer
@@ -176,6 +177,27 @@ def test_whatever_ends_it_the_recording_is_kept_and_the_window_closed(
         Viewer(Simulation(str(swing)), paused=True, recording=str(tmp_path / "seen.npz")).run()
     assert shown.is_closed
     assert np.load(tmp_path / "seen.npz")["steps"].tolist() == [0, 1, 2, 3, 4]
+
+
+def test_a_process_that_has_saved_its_recording_is_not_killed_before_it_says_so(
+    window: Opened, swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    memory, shown = ProcessActivityMemory(), window()
+    is_completing = list[bool]()
+
+    def interrupted(*_: object) -> list[Action]:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(shown, "show", interrupted)
+    monkeypatch.setattr(shown, "close", lambda: is_completing.append(memory.completing))
+    record_status_in(memory)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            Viewer(Simulation(str(swing)), recording=str(tmp_path / "seen.npz")).run()
+    finally:
+        record_status_in(None)
+    assert is_completing == [True]
+    assert not memory.completing
 
 
 def test_where_nothing_can_be_shown_both_reasons_are_given(monkeypatch: pytest.MonkeyPatch, swing: Path) -> None:
