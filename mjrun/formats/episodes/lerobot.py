@@ -243,13 +243,12 @@ class _Dataset:
 
     def _read(self, count: int) -> None:
         rows = list[dict[str, Any]]()
-        tasks = pyarrow.parquet.read_table(self._folder / TASKS)
-        self._tasks = tasks.column("task").to_pylist()
         for path in sorted((self._folder / "meta" / "episodes").glob("*/*.parquet")):
             rows += pyarrow.parquet.read_table(path).to_pylist()
         rows = sorted(rows, key=lambda row: row["episode_index"])[:count]
         if len(rows) < count:
             raise ValueError(f"{len(rows)} of {count} episodes are in {EPISODES.partition('/chunk')[0]}")
+        self._tasks = list(dict.fromkeys(task for row in rows for task in row["tasks"]))
         for index, table in self._data.read(rows):
             for name in self._schema.names:
                 self._statistics[name].add(_values(table, name))

@@ -115,13 +115,12 @@ def test_a_continued_dataset_has_the_bytes_of_one_made_at_once(tmp_path: Path, m
 def test_episodes_of_a_process_that_was_killed_as_it_published_them_are_not_counted_twice(tmp_path: Path) -> None:
     at_once, continued = tmp_path / "at once", tmp_path / "continued"
     written("lerobot", at_once, LAYOUT, episodes(range(3), tmp_path))
-    for start, end in (
-        (0, 1),
-        (1, 3),
-        (1, 3),
-    ):  # the list of known episodes, which is published last, had only the first
+    # the list of known episodes, which is published last, had only the first
+    for start, end in ((0, 1), (1, 3), (1, 3)):
         written("lerobot", continued, LAYOUT, episodes(range(start, end), tmp_path), start)
     assert files(continued) == files(at_once)
+    written("lerobot", continued, LAYOUT, episodes([2], tmp_path), 1)  # not the second, whose task is another
+    assert [*pandas.read_parquet(continued / "meta/tasks.parquet").index] == ["walk"]
 
 
 def test_files_are_short_enough_for_times_of_32_bits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
