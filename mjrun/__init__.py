@@ -68,7 +68,7 @@ _HOMES = {
     "Trace": "mjrun.outputs.trace",
     "TraceResult": "mjrun.outputs.trace",
     "VariedPlot": "mjrun.study.varied_plot",
-    "VerificationResult": "mjrun.simulation.manifest",
+    "VerificationResult": "mjrun.simulation.verification",
     "Video": "mjrun.outputs.video",
     "VideoResult": "mjrun.outputs.video",
     "Viewer": "mjrun.viewer.viewer",
@@ -88,7 +88,7 @@ _HOMES = {
     "render": "mjrun.rendering.single_render",
     "sweep": "mjrun.in_memory",
     "trace": "mjrun.in_memory",
-    "verify": "mjrun.simulation.manifest",
+    "verify": "mjrun.simulation.verification",
     "write_video": "mjrun.formats.ffmpeg",
 }
 

@@ -60,9 +60,9 @@ from mjrun.rendering.single_render import render as render
 from mjrun.rendering.visual import SegmentationIds as SegmentationIds
 from mjrun.rendering.visual import Visual as Visual
 from mjrun.simulation.input_snapshot import InputSnapshot
-from mjrun.simulation.manifest import VerificationResult as VerificationResult
-from mjrun.simulation.manifest import verify as verify
 from mjrun.simulation.simulation import Simulation as _Simulation
+from mjrun.simulation.verification import VerificationResult as VerificationResult
+from mjrun.simulation.verification import verify as verify
 from mjrun.study.episode_dataset import EpisodeDataset as _EpisodeDataset
 from mjrun.study.episode_dataset import EpisodeDatasetResult as EpisodeDatasetResult
 from mjrun.study.image_dataset import Dataset as _Dataset

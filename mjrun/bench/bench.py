@@ -68,7 +68,7 @@ from mjrun.physics.warp_device import COMPILES
 from mjrun.platform.cores import available_cores
 from mjrun.rendering.backend import WorkingBackend
 from mjrun.reporter import PythonApiReporter, Reporter
-from mjrun.simulation.manifest import origin
+from mjrun.simulation.origin import origin
 from mjrun.simulation.simulation import Simulation
 from mjrun.timeline import nearest, rational
 

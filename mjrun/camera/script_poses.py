@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from mjrun.camera.pose import EMPTY_FRUSTUM, CameraPose, Frustum, fitted, rotation
-from mjrun.camera.rigs.free_camera import BoundAutoRig, OutermostPoints
+from mjrun.camera.rigs.auto import BoundAutoRig, OutermostPoints
 from mjrun.camera.rigs.rig import BoundRig, MujocoCameras, ShakeNoise, ShotTime, blend_weight, compute_positions
 from mjrun.camera.script import CameraScript, Shot
 from mjrun.camera.targets import BoundingBoxes, GhostMotion, object_bounds

@@ -12,7 +12,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
 
-from mjrun.check.rule import Finding
+from mjrun.check.finding import Finding
 from mjrun.child_process import ChildProcess
 from mjrun.confinement.confinement import require_unconfined
 from mjrun.errors import BadValueError, FileError, UsageError, clean, option

@@ -12,7 +12,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, TypeVar
 
-from mjrun.check.rule import SEVERITIES, Finding, Fix, FixedFile, FixedModelCopy, FixResult, ModelCheckResult
+from mjrun.check.finding import SEVERITIES, Finding, Fix, FixedFile, FixedModelCopy, FixResult, ModelCheckResult
 from mjrun.check.rule_catalogue import codes, matching_codes, threshold_values
 from mjrun.check.rules.check_itself import CRASH, INTERNAL_ERROR, NOT_FIXED, OUT_OF_MEMORY, TIMEOUT
 from mjrun.check.worker_pool import (

@@ -11,7 +11,7 @@ import numpy as np
 
 from mjrun.check.check import CheckResult, worst_first
 from mjrun.check.context import CheckContext
-from mjrun.check.rule import SEVERITIES, Finding, FixedModelCopy, ModelCheckResult, without_repeats
+from mjrun.check.finding import SEVERITIES, Finding, FixedModelCopy, ModelCheckResult, without_repeats
 from mjrun.check.rule_runner import RULES
 from mjrun.check.rules.bodies import INFINITE
 from mjrun.errors import ModelError, NoRendererError, clean, counted

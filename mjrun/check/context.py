@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 
-from mjrun.check.rule import MakeFix, Place, Violation
+from mjrun.check.finding import MakeFix, Place, Violation
 from mjrun.check.rule_catalogue import Thresholds
 from mjrun.formats.user_cache import UserCache
 from mjrun.model.names import COUNTS, KINDS, names

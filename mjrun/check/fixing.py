@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import mujoco
 
-from mjrun.check.rule import Finding, Fix, FixedFile, FixedModelCopy, FixResult, ModelCheckResult, short_path
+from mjrun.check.finding import Finding, Fix, FixedFile, FixedModelCopy, FixResult, ModelCheckResult, short_path
 from mjrun.check.rules.check_itself import NOT_FIXED
 from mjrun.confinement.confinement import is_within, is_writable
 from mjrun.dataclass import dataclass

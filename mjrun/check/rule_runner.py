@@ -8,7 +8,8 @@ from pathlib import Path
 
 from mjrun.check import rules
 from mjrun.check.context import CheckContext
-from mjrun.check.rule import Finding, Fix, Rule, short_path
+from mjrun.check.finding import Finding, Fix, short_path
+from mjrun.check.rule import Rule
 from mjrun.check.rules import check_itself, compile_errors, mjcf_schema
 from mjrun.errors import BrokenModelError, ModelError, clean, option
 from mjrun.model.xml_source import XmlSource

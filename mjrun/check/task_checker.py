@@ -11,7 +11,7 @@ from typing import Any, cast
 import numpy as np
 
 from mjrun.check import rule_runner
-from mjrun.check.rule import Finding, Place
+from mjrun.check.finding import Finding, Place
 from mjrun.check.rules import task_episodes
 from mjrun.check.worker import ARENAS, Checker
 from mjrun.check.worker_pool import MIB, CheckRequest

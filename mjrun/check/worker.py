@@ -15,7 +15,7 @@ import mujoco
 
 from mjrun.check import rule_runner
 from mjrun.check.context import CheckContext
-from mjrun.check.rule import Finding
+from mjrun.check.finding import Finding
 from mjrun.check.rule_catalogue import Thresholds
 from mjrun.check.rules import check_itself, compile_errors, simulation
 from mjrun.check.rules.check_itself import IgnoreComments

@@ -11,9 +11,11 @@ from pathlib import Path
 from urllib.parse import quote
 
 from mjrun.check.check import CheckResult, ModelCheckResult, worst_first
-from mjrun.check.rule import SEVERITIES, Finding, Rule, short_path, without_repeats
+from mjrun.check.finding import SEVERITIES, Finding, short_path, without_repeats
+from mjrun.check.rule import Rule
 from mjrun.check.rule_catalogue import explanation, local_page, published_page, topic
-from mjrun.cli.console import CiVerdict, CommandReport, linked, shows_links
+from mjrun.cli.console import CommandReport, linked, shows_links
+from mjrun.cli.report_formats import CiVerdict
 from mjrun.cli.simulation_command import import_mujoco
 from mjrun.cli.terminal_layout import folded_words, terminal_width
 from mjrun.errors import clean, counted

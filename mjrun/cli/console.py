@@ -23,6 +23,8 @@ from mjrun.suffixes import HTML
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
+    from mjrun.cli.report_formats import CiVerdict
+
 PATHS = ("path", "paths", "html", "files")  # keys of reports
 DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
 EVERY = 10.0  # [s] between two lines of progress when stderr is no terminal
@@ -46,29 +48,6 @@ def document_form(arguments: Sequence[str]) -> str:
 
 
 @dataclass(frozen=True)
-class CiVerdict:
-    """A verdict of a command, as formats for CI systems report it.
-
-    Attributes:
-      name: the thing that was checked, such as a model.
-      level: `error`, `warning` or `note`; empty if it passed.
-      title: the name of the rule, or of the comparison.
-      text: the message; empty if it passed.
-      file: the file that the message is about; empty for none.
-      line: line in the file, if known.
-      repeats: true if an earlier case is the same but for its name, so that a list of places shows it once.
-    """
-
-    name: str
-    level: str = ""
-    title: str = ""
-    text: str = ""
-    file: str = ""
-    line: int | None = None
-    repeats: bool = False
-
-
-@dataclass(frozen=True)
 class CommandReport:
     """The report of a command; each form is made only if it is printed.
 
@@ -88,7 +67,7 @@ class CommandReport:
     text: Callable[[], str] = str
     summary: Callable[[], str] = str
     forms: Mapping[str, Callable[[], str | Mapping[str, object]]] = field(default_factory=dict[str, Any])
-    cases: Callable[[], Iterable[CiVerdict]] = tuple[CiVerdict, ...]
+    cases: Callable[[], Iterable["CiVerdict"]] = tuple["CiVerdict", ...]
     remark: Callable[[], str] | None = None
     document: Callable[[Any], dict[str, object]] = asdict
 

@@ -3,7 +3,8 @@
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from mjrun.cli.console import CiVerdict, CommandReport
+from mjrun.cli.console import CommandReport
+from mjrun.cli.report_formats import CiVerdict
 from mjrun.cli.simulation_command import golden_summary
 from mjrun.cli.table_cells import ReportColumn
 from mjrun.cli.terminal_layout import TerminalReport

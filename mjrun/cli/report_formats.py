@@ -3,10 +3,9 @@
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from xml.sax.saxutils import escape, quoteattr
 
-from mjrun.cli.console import CiVerdict
 from mjrun.cli.table_cells import ReportColumn
+from mjrun.dataclass import dataclass
 from mjrun.errors import clean, counted
 
 ANNOTATIONS = {"error": "error", "warning": "warning", "note": "notice"}
@@ -14,6 +13,29 @@ FAILURES = ("error", "warning")
 SYMBOLS = {"error": "❌", "warning": "⚠️", "note": "ℹ️"}  # worst first
 MOST = 200  # rows; GitHub accepts summaries of up to 1 MiB, and comments of 64 KiB
 SPECIAL = re.compile(r"([\\`*_{}\[\]<>#|~@&])")
+
+
+@dataclass(frozen=True)
+class CiVerdict:
+    """A verdict of a command, as formats for CI systems report it.
+
+    Attributes:
+      name: the thing that was checked, such as a model.
+      level: `error`, `warning` or `note`; empty if it passed.
+      title: the name of the rule, or of the comparison.
+      text: the message; empty if it passed.
+      file: the file that the message is about; empty for none.
+      line: line in the file, if known.
+      repeats: true if an earlier case is the same but for its name, so that a list of places shows it once.
+    """
+
+    name: str
+    level: str = ""
+    title: str = ""
+    text: str = ""
+    file: str = ""
+    line: int | None = None
+    repeats: bool = False
 
 
 def github(cases: Iterable[CiVerdict]) -> str:
@@ -56,6 +78,8 @@ def _test_case(case: CiVerdict) -> str:
     if not case.level:
         return f"<testcase {attributes}/>"
 
+    from xml.sax.saxutils import escape  # which loads http.client
+
     place = case.file + (f":{case.line}" if case.line else "")
     lines = [f"{place}: {case.text}" if place else case.text]
     content = escape("\n".join(_valid(line) for line in "\n".join(lines).split("\n")))
@@ -68,6 +92,8 @@ def _test_case(case: CiVerdict) -> str:
 
 
 def _quoted(value: str) -> str:
+    from xml.sax.saxutils import quoteattr
+
     return quoteattr(_valid(value))
 
 

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import click
 
 from mjrun.cli.click_command import ParsedCommandLine, further_value_hint
-from mjrun.cli.console import CiVerdict, CommandReport, Console, flag
+from mjrun.cli.console import CommandReport, Console, flag
+from mjrun.cli.report_formats import CiVerdict
 from mjrun.cli.table_cells import byte_size, numbers, texts
 from mjrun.errors import MjrunError, UsageError, clean, counted, option, quoted
 from mjrun.options.model import ServoOptions

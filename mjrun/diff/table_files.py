@@ -40,7 +40,7 @@ from mjrun.formats.tables import input_format
 from mjrun.model import state
 from mjrun.model.table_column import Column
 from mjrun.options.diff import ALIGNMENTS, TableDiffOptions
-from mjrun.physics.simulation_loop import moved_name, require_model
+from mjrun.physics.recorded_states import moved_name, require_model
 from mjrun.probe.fields import state_columns
 
 STUDY, EPISODES = "results", "episodes"  # kinds, named after the stems of the files

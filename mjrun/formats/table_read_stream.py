@@ -8,7 +8,7 @@ from dataclasses import field
 from enum import IntEnum
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, Protocol, TypeVar
+from typing import Any, BinaryIO, Protocol, TypeVar
 
 import numpy as np
 
@@ -16,9 +16,7 @@ from mjrun.dataclass import dataclass
 from mjrun.decompression_limits import own_size
 from mjrun.errors import CellError, FileError, quoted, shortened
 from mjrun.formats.input_file import decoded, decoding
-
-if TYPE_CHECKING:
-    from mjrun.formats.number_text import WholeLinePieces
+from mjrun.formats.text_lines import WholeLinePieces
 
 ColumnFilter = Callable[[str], bool]
 Stored = TypeVar("Stored")  # an array as its format stores it
@@ -64,7 +62,7 @@ class TableReadStream:
     blocks: Iterator[np.ndarray]
     units: Mapping[str, str] = field(default_factory=dict)
     manifest: dict[str, Any] | None = None
-    lines: "WholeLinePieces | None" = None
+    lines: WholeLinePieces | None = None
 
 
 class ArrayInFile(Protocol):

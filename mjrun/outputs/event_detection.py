@@ -12,7 +12,8 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import OptionPath, SimulationError, UsageError, concerning, option, quoted
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.outputs.trace_rows import ProbeSampler, RowBuffer, SampledRows
-from mjrun.physics.simulation_loop import ReplayStepper, StateBuffer, Tap
+from mjrun.physics.replay_stepper import ReplayStepper
+from mjrun.physics.simulation_loop import StateBuffer, Tap
 from mjrun.probe.episode_columns import EpisodeColumns
 from mjrun.probe.row_expression import Condition, RisingEdgeDetector, named_condition, parse_condition
 from mjrun.probe.vocabularies import ModelVocabulary, TraceVocabulary

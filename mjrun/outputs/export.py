@@ -23,7 +23,7 @@ from mjrun.options.option import options, values_of
 from mjrun.options.rendering import RendererOptions, SceneOptions
 from mjrun.outputs import output
 from mjrun.outputs.event_detection import EventAndAssertionDetector, TimelineMark
-from mjrun.outputs.exports import FORMATS, ExportFormat, export_format
+from mjrun.outputs.exports import FORMATS, ExportFormat, export_format, format_named
 from mjrun.outputs.recorded_scene import (
     FrameSchedule,
     RecordedScene,
@@ -37,7 +37,8 @@ from mjrun.outputs.recorded_scene import (
     video_schedule,
 )
 from mjrun.outputs.trace_rows import ROWS, ProbeSampler, RowBuffer, rate_warning
-from mjrun.physics.simulation_loop import SpooledRows, Tap
+from mjrun.physics.recorded_states import SpooledRows
+from mjrun.physics.simulation_loop import Tap
 from mjrun.physics.stepper import Stepper, instants_of
 from mjrun.probe.contacts import RecordedContacts, contact_copiers
 from mjrun.probe.select import select, split
@@ -528,3 +529,21 @@ def _lens(pose: CameraPose, size: tuple[int, int]) -> CameraLens:
     seen, halfwidth = pose.frustum, pose.frustum.halfwidth(size)
     sides = seen.center - halfwidth, seen.center + halfwidth
     return camera_lens(sides, (seen.bottom, seen.top), (seen.near, seen.far), orthographic=seen.orthographic)
+
+
+def write_glb_file(scene: SceneToExport, file: BinaryIO) -> None:
+    """Writes the scene with its motion as binary glTF."""
+    from mjrun.formats.glb import write_glb
+
+    for text in write_glb(file, scene.graph, scene.motion, {"mjrun": scene.facts}, scene.generator):
+        scene.context.reporter.warn(text)
+
+
+def write_usd_file(scene: SceneToExport, file: BinaryIO) -> None:
+    """Writes the scene with its motion as OpenUSD."""
+    from mjrun.formats.usd import write_usd
+
+    form, suffix = scene.request.file_format, Path(scene.request.output).suffix.lower()
+    kind = suffix if suffix in form.suffixes else format_named(scene.request.format or form.name)[1]
+    for text in write_usd(file, kind, scene.graph, scene.motion, float(scene.request.fps), scene.facts):
+        scene.context.reporter.warn(text)

@@ -32,7 +32,8 @@ from mjrun.outputs.recorded_scene import (
     state_taps,
 )
 from mjrun.outputs.trace_rows import ProbeSampler
-from mjrun.physics.simulation_loop import SpooledRows, StateBuffer, Tap
+from mjrun.physics.recorded_states import SpooledRows
+from mjrun.physics.simulation_loop import StateBuffer, Tap
 from mjrun.physics.stepper import Stepper
 from mjrun.platform import system
 from mjrun.platform.cores import available_cores

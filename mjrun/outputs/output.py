@@ -35,7 +35,7 @@ from mjrun.physics.simulation_loop import Tap
 from mjrun.physics.stepper import Stepper
 from mjrun.probe.episode_columns import EpisodeColumns
 from mjrun.reporter import Reporter
-from mjrun.simulation.manifest import origin
+from mjrun.simulation.origin import origin
 from mjrun.simulation.policy_episode import EpisodeResult
 from mjrun.simulation.simulation import Simulation, require_simulation
 from mjrun.timeline import Timeline

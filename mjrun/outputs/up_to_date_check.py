@@ -27,7 +27,7 @@ from mjrun.outputs.output import OutputRequest, OutputResult
 from mjrun.outputs.perform import PublishedOutput
 from mjrun.packages import installed_versions
 from mjrun.python_code import code_hash, module_sources
-from mjrun.simulation.manifest import plain
+from mjrun.simulation.origin import plain
 from mjrun.version import __version__
 
 # Variables of the environment that choose tools, also for the drivers of OpenGL and Vulkan.

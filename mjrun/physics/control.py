@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from fractions import Fraction
 from functools import cached_property
 from itertools import count
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import mujoco
 import numpy as np
@@ -30,11 +30,9 @@ from mjrun.model import state
 from mjrun.model.names import control_names, identify, names
 from mjrun.options.simulation import Push
 from mjrun.physics.controller_analysis import access_of
+from mjrun.physics.recorded_states import RecordedInputs
 from mjrun.physics.timed_rows import TimedRows
 from mjrun.timeline import nearest, seconds
-
-if TYPE_CHECKING:
-    from mjrun.physics.simulation_loop import RecordedInputs
 
 NEVER = 2**62  # a step beyond every simulation
 NOISE_BLOCK = 1024  # steps of noise drawn in one call
@@ -310,7 +308,7 @@ class ControlSources:
     table: KnownControls | None = None
     noise: ControlNoise | None = None
     controller: PeriodicController | None = None
-    inputs: "RecordedInputs | None" = None
+    inputs: RecordedInputs | None = None
 
     @property
     def varies(self) -> bool:

@@ -31,7 +31,8 @@ from mjrun.options.schema_validation import InvalidValueError
 from mjrun.options.simulation import CONTROLS, RUN_REQUIREMENTS, START, TABLE_READING, SimulationOptions
 from mjrun.physics.control import ControlNoise, ControlSources, ControlTable, PeriodicController, PushForces
 from mjrun.physics.initial_state import InitialState
-from mjrun.physics.simulation_loop import RecordedInputs, ReplayStepper, require_model, require_timestep
+from mjrun.physics.recorded_states import RecordedInputs, require_model, require_timestep
+from mjrun.physics.replay_stepper import ReplayStepper
 from mjrun.physics.stepper import PhysicsStepper, Stepper
 from mjrun.python_code import RedirectedFunction, edit_remarks, module_sources, own_copy
 from mjrun.simulation.input_snapshot import InputSnapshot

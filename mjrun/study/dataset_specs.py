@@ -12,7 +12,7 @@ from mjrun.formats.codecs import VideoEncoding
 from mjrun.model.names import distinct
 from mjrun.options.datasets import CAMERA, LabelledImageOptions
 from mjrun.options.rendering import RIG_EXAMPLES, ViewOptions
-from mjrun.simulation.manifest import plain
+from mjrun.simulation.origin import plain
 
 if TYPE_CHECKING:
     from mjrun.study.episode_files import EpisodeFileMaker

@@ -27,7 +27,8 @@ from mjrun.outputs.frame_drawing import check_drawing, scene_compositor
 from mjrun.outputs.recorded_scene import camera_motions, shot_spans
 from mjrun.outputs.trace_rows import ProbeSampler
 from mjrun.physics.kinematic_samples import KinematicMotion
-from mjrun.physics.simulation_loop import ReplayStepper, StateBuffer, Tap, run_with_taps
+from mjrun.physics.replay_stepper import ReplayStepper
+from mjrun.physics.simulation_loop import StateBuffer, Tap, run_with_taps
 from mjrun.physics.stepper import Stepper
 from mjrun.probe.episode_columns import OBSERVATION
 from mjrun.probe.select import selected_columns

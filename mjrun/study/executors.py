@@ -30,8 +30,8 @@ from mjrun.study.clusters import (
     most_jobs,
     open_cluster,
 )
-from mjrun.study.isolation import LocalExecutor, run_chunk
-from mjrun.study.spec import ChunkResult, PointChunk
+from mjrun.study.isolation import LocalExecutor, PointChunk, run_chunk
+from mjrun.study.spec import ChunkResult
 
 ENGINES = ("local", "warp", "dask", "dask://HOST:PORT", "ray", "ray://HOST:PORT", "slurm", "module:factory")
 WARP, SLURM = "warp", "slurm"

@@ -3,15 +3,17 @@
 import math
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from pathlib import Path
 from typing import cast
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import MjrunError, SystemLimitError, UsageError, system_limit
 from mjrun.simulation.input_snapshot import InputSnapshot
+from mjrun.study.part_files import PartPublisher
 from mjrun.study.point_server import new_worker
-from mjrun.study.spec import ChunkResult, PointChunk, PointResult, ShippedStudy, Status, StudyPoint, WorkerVersions
+from mjrun.study.spec import ChunkResult, PointResult, ShippedStudy, Status, StudyPoint, WorkerVersions
 from mjrun.worker import Worker, WorkerEndedError
 
 TIMEOUT_CODE = 124  # exit code of timeout(1)
@@ -22,6 +24,32 @@ START = 120.0  # [s] that a process may take to start
 _processes = threading.local()
 _copies = dict[str, InputSnapshot]()  # files of studies of other machines, by fingerprint
 _copying = threading.Lock()
+
+
+@dataclass(frozen=True)
+class PointChunk:
+    """A chunk of points, which one task of an engine simulates, on any machine.
+
+    Attributes:
+      time_limit: wall time of a point [s].
+      contents: contents of the study's files, for a machine without copies of them.
+      parts: files to which the results are published by the process that has them; None to return them.
+      refusals: number of times that its results were refused.
+      losses: number of times that the engine has lost it.
+    """
+
+    study: ShippedStudy
+    points: tuple[StudyPoint, ...]
+    time_limit: float = math.inf
+    contents: Mapping[str, bytes] | None = None
+    parts: PartPublisher | None = None
+    refusals: int = 0
+    losses: int = 0
+
+    def failed(self, message: str) -> ChunkResult:
+        """Returns results of points that failed with this message outside of their process."""
+        no_metrics = (math.nan,) * self.study.metrics
+        return ChunkResult([PointResult(point.index, "failed", no_metrics, 0, 70, message) for point in self.points])
 
 
 def run_chunk(chunk: PointChunk) -> ChunkResult:

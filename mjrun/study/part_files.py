@@ -28,7 +28,7 @@ from mjrun.formats.output_writer import OutputWriter
 from mjrun.model.source import content_fingerprint
 from mjrun.options.sweep import PARTS
 from mjrun.python_code import ModuleSource, code_hash
-from mjrun.simulation.manifest import plain
+from mjrun.simulation.origin import plain
 from mjrun.study.range_folders import PointRange, RangeFolders
 from mjrun.study.results import MISSING, STATUSES, ResultColumns, ResultRows
 from mjrun.study.spec import (

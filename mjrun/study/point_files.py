@@ -31,7 +31,7 @@ from mjrun.probe.row_expression import Condition, parse_condition
 from mjrun.probe.select import selected_columns
 from mjrun.python_code import PickledWithCode
 from mjrun.reporter import Reporter
-from mjrun.simulation.manifest import plain
+from mjrun.simulation.origin import plain
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.isolation import LocalExecutor, process_stop
 from mjrun.study.prepared import PreparedStudy

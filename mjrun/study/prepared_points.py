@@ -22,19 +22,12 @@ from mjrun.options.sweep import ExecutionOptions
 from mjrun.reporter import Reporter
 from mjrun.study import executors
 from mjrun.study.clusters import LostJobError
+from mjrun.study.isolation import PointChunk
 from mjrun.study.leases import Leases, PointLeaser
 from mjrun.study.part_files import PartFiles, PartPublisher, PartWriter, kept_results_in_errors
 from mjrun.study.range_folders import PointRange
 from mjrun.study.results import FailureReporter, ResultColumns, ResultRows
-from mjrun.study.spec import (
-    ChunkResult,
-    PointChunk,
-    PointResult,
-    ShippedStudy,
-    SimulatorSpec,
-    StudyPoint,
-    WorkerVersions,
-)
+from mjrun.study.spec import ChunkResult, PointResult, ShippedStudy, SimulatorSpec, StudyPoint, WorkerVersions
 
 JOB_SECONDS = 60.0  # wall time of a job of a scheduler, which has to wait for its turn
 LEAST_JOB = 4.0  # [s] of the last jobs

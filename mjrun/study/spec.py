@@ -47,7 +47,6 @@ from mjrun.study.dataset_specs import EpisodeSpec, ImageSpec
 from mjrun.version import __version__
 
 if TYPE_CHECKING:
-    from mjrun.study.part_files import PartPublisher
     from mjrun.study.simulate import PointSimulator
 
 BUG = 70  # the exit code
@@ -424,32 +423,6 @@ class ShippedStudy:
         spec = replace(spec, base=spec.base.with_snapshot())
         assert spec.base.snapshot
         return cls(PickledWithCode.of(spec, spec.code), len(spec.metrics), spec.base.snapshot)
-
-
-@dataclass(frozen=True)
-class PointChunk:
-    """A chunk of points, which one task of an engine simulates, on any machine.
-
-    Attributes:
-      time_limit: wall time of a point [s].
-      contents: contents of the study's files, for a machine without copies of them.
-      parts: files to which the results are published by the process that has them; None to return them.
-      refusals: number of times that its results were refused.
-      losses: number of times that the engine has lost it.
-    """
-
-    study: ShippedStudy
-    points: tuple[StudyPoint, ...]
-    time_limit: float = math.inf
-    contents: Mapping[str, bytes] | None = None
-    parts: "PartPublisher | None" = None
-    refusals: int = 0
-    losses: int = 0
-
-    def failed(self, message: str) -> "ChunkResult":
-        """Returns results of points that failed with this message outside of their process."""
-        no_metrics = (math.nan,) * self.study.metrics
-        return ChunkResult([PointResult(point.index, "failed", no_metrics, 0, 70, message) for point in self.points])
 
 
 @dataclass(frozen=True)

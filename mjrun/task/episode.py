@@ -11,7 +11,8 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import InvalidActionError
-from mjrun.physics.simulation_loop import RecordedStates, ReplayStepper, SpooledRows
+from mjrun.physics.recorded_states import RecordedStates, SpooledRows
+from mjrun.physics.replay_stepper import ReplayStepper
 from mjrun.physics.stepper import Stepper
 from mjrun.probe.episode_columns import EpisodeValues
 

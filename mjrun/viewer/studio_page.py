@@ -27,7 +27,17 @@ with contextlib.redirect_stdout(sys.stderr):  # its server logs there from now o
     from mujoco.studio.web import web_server
 
 from mjrun.confinement.confinement import confinement
-from mjrun.viewer import window
+from mjrun.viewer.actions import (
+    PHYSICS_SETTINGS,
+    Action,
+    PullBodies,
+    ResetSimulation,
+    SetPaused,
+    SetSpeed,
+    SimulationStatus,
+    TakeStep,
+    UnsupportedAction,
+)
 
 sim: Any = importlib.import_module("mujoco.studio.sim")  # both are written in C++
 ux: Any = importlib.import_module("mujoco.studio.ux")
@@ -57,11 +67,11 @@ FRAMES_BEFORE_A_PAGE = 30
 START = 30.0  # [s] for the server to start
 FIRST = messages.Priority.CRITICAL + 10  # before Studio's handlers
 
-DROPPED = window.UnsupportedAction("models dropped on the page are not loaded: open a separate view for them")
-NOISE = window.UnsupportedAction(
+DROPPED = UnsupportedAction("models dropped on the page are not loaded: open a separate view for them")
+NOISE = UnsupportedAction(
     "noise cannot be set while a simulation runs: start it with the options for noise on controls"
 )
-KEYFRAME = window.UnsupportedAction("keyframes cannot be saved from the page")
+KEYFRAME = UnsupportedAction("keyframes cannot be saved from the page")
 
 
 class _StudioActionCollector(plugin.SimPlugin):
@@ -76,11 +86,11 @@ class _StudioActionCollector(plugin.SimPlugin):
     """
 
     def __init__(self, model: mujoco.MjModel, speed: float) -> None:
-        self.actions: list[window.Action] = []
+        self.actions: list[Action] = []
         self._model, self._options = model, copy.deepcopy(model.opt)
         self._shown = messages.StepControlSnapshot(speed=speed)
 
-    def update_page(self, status: window.SimulationStatus) -> None:
+    def update_page(self, status: SimulationStatus) -> None:
         """Corrects the page where it shows the wrong pause state, or noise.
 
         The speed is left unchanged: the page supports only some speeds, none above real time.
@@ -93,9 +103,9 @@ class _StudioActionCollector(plugin.SimPlugin):
     @messages.handler(priority=FIRST)
     def on_step_control(self, event: messages.StepControlSnapshot) -> bool:
         if event.pause_state != self._shown.pause_state:
-            self.actions.append(window.SetPaused(event.pause_state == sim.PauseState.NORMAL_PAUSED))
+            self.actions.append(SetPaused(event.pause_state == sim.PauseState.NORMAL_PAUSED))
         if event.speed != self._shown.speed:
-            self.actions.append(window.SetSpeed(event.speed / 100))
+            self.actions.append(SetSpeed(event.speed / 100))
         if event.noise_scale:
             self.actions.append(NOISE)
         self._shown = event
@@ -103,30 +113,30 @@ class _StudioActionCollector(plugin.SimPlugin):
 
     @messages.handler(priority=FIRST)
     def on_single_step(self, _: messages.SingleStepEvent) -> bool:
-        self.actions.append(window.TakeStep())
+        self.actions.append(TakeStep())
         return True
 
     @messages.handler(priority=FIRST)
     def on_reset(self, event: messages.ResetEvent) -> bool:
         key = event.key if event.key is not None and event.key >= 0 else None
-        self.actions.append(window.ResetSimulation(key))
+        self.actions.append(ResetSimulation(key))
         return True
 
     @messages.handler(priority=FIRST)
     def on_load_model(self, event: messages.LoadModelEvent) -> bool:
-        self.actions.append(DROPPED if event.path else window.ResetSimulation())
+        self.actions.append(DROPPED if event.path else ResetSimulation())
         return True
 
     @messages.handler(priority=FIRST)
     def on_perturb(self, event: messages.PerturbSnapshot) -> bool:
         if event.state.size == 6 * self._model.nbody:
-            self.actions.append(window.PullBodies(event.state.reshape(-1, 6).copy()))
+            self.actions.append(PullBodies(event.state.reshape(-1, 6).copy()))
         return True
 
     @messages.handler(priority=FIRST)
     def on_options(self, event: messages.MjOptionSnapshot) -> bool:
         if event.opt != self._options:
-            self.actions.append(window.PHYSICS_SETTINGS)
+            self.actions.append(PHYSICS_SETTINGS)
             self.handle.send_to_viewer(messages.MjOptionSnapshot(opt=copy.deepcopy(self._options)))
         return True
 
@@ -270,7 +280,7 @@ class StudioWebPage:
         """True once a browser has shown it."""
         return self._port in _ports_seen
 
-    def sync(self, status: window.SimulationStatus) -> list[window.Action]:
+    def sync(self, status: SimulationStatus) -> list[Action]:
         """Shows the data, applies edits from the page to it, and returns the other actions."""
         self._messages.update_page(status)
         self._handle.sync()

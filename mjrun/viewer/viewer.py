@@ -21,17 +21,17 @@ from mjrun.model.source import physics_fingerprint
 from mjrun.options.option import options
 from mjrun.options.viewer import ViewerOptions
 from mjrun.outputs.output import ReservedFiles
-from mjrun.physics.simulation_loop import ReplayStepper
+from mjrun.physics.replay_stepper import ReplayStepper
 from mjrun.physics.stepper import EditableStepper, Stepper
 from mjrun.reporter import PythonApiReporter, Reporter
 from mjrun.shared_status import completing, uninterrupted
-from mjrun.simulation.manifest import origin
+from mjrun.simulation.origin import origin
 from mjrun.simulation.policy_episode import EpisodeResult
 from mjrun.simulation.simulation import Simulation, require_simulation, require_whole
 from mjrun.task.episode import Ending, EpisodeStepper
 from mjrun.timeline import rational
 from mjrun.viewer import window as windows
-from mjrun.viewer.window import (
+from mjrun.viewer.actions import (
     Action,
     PullBodies,
     ResetSimulation,
@@ -41,8 +41,8 @@ from mjrun.viewer.window import (
     SimulationStatus,
     TakeStep,
     UnsupportedAction,
-    Window,
 )
+from mjrun.viewer.window import Window
 
 SCHEMA = "mjrun-view-1"
 FRAME = 1 / 60  # [s] of wall time between images

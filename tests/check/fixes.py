@@ -5,8 +5,8 @@ from pathlib import Path
 
 from mjrun.check.check import _of_original
 from mjrun.check.context import CheckContext
+from mjrun.check.finding import FixedModelCopy, FixResult, ModelCheckResult
 from mjrun.check.fixing import ModelFixer, changed_fields
-from mjrun.check.rule import FixedModelCopy, FixResult, ModelCheckResult
 from mjrun.check.rule_runner import RULES, apply, explain, ignored_xml
 from mjrun.check.worker_pool import CheckRequest
 from mjrun.errors import ModelError

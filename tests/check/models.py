@@ -6,7 +6,7 @@ from typing import Any
 
 from mjrun.check.check import CheckResult, ModelCheck, ModelCheckResult
 from mjrun.check.context import CheckContext
-from mjrun.check.rule import Finding
+from mjrun.check.finding import Finding
 from mjrun.check.rule_runner import RULES, apply, explain, ignored_xml
 from mjrun.errors import ModelError
 from mjrun.model.xml_source import read_xml

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from mjrun.check.rule import Finding
+from mjrun.check.finding import Finding
 from mjrun.check.rule_runner import RULES
 from mjrun.check.task_checker import TaskChecker
 from mjrun.check.worker_pool import CheckRequest

@@ -8,7 +8,7 @@ import pytest
 
 from mjrun.check.baseline import Baseline, write_baseline
 from mjrun.check.check import CheckResult
-from mjrun.check.rule import Finding
+from mjrun.check.finding import Finding
 from mjrun.errors import FileError, UsageError
 from tests.check.models import checked, codes, lint, write
 

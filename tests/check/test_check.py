@@ -9,7 +9,7 @@ import pytest
 
 from mjrun.check import check as check_module
 from mjrun.check.check import CheckResult, ModelCheck, ModelCheckResult, find_models, root_tag
-from mjrun.check.rule import Finding
+from mjrun.check.finding import Finding
 from mjrun.check.rule_catalogue import matching_codes
 from mjrun.check.rule_runner import RULES
 from mjrun.check.worker_pool import CheckProcessOutput, CheckProcessPool, CheckRequest

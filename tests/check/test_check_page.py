@@ -11,7 +11,7 @@ from PIL import Image
 from mjrun.check import check_page
 from mjrun.check.check import CheckResult, ModelCheck
 from mjrun.check.check_page import FindingCards, FindingRenderer, write_check_page
-from mjrun.check.rule import Finding, ModelCheckResult
+from mjrun.check.finding import Finding, ModelCheckResult
 from mjrun.errors import NoRendererError, UsageError
 from tests.check.models import hinged, keyed, mjcf, write
 from tests.check.rules.test_meshes import TRAY, TRAY_FACES, asset

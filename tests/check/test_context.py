@@ -7,7 +7,7 @@ import pytest
 
 from mjrun.check.check import ModelCheck
 from mjrun.check.context import CheckContext
-from mjrun.check.rule import Finding
+from mjrun.check.finding import Finding
 from mjrun.check.rule_catalogue import Thresholds, threshold_values
 from mjrun.check.rule_runner import RULES, apply
 from mjrun.errors import UsageError

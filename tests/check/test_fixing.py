@@ -12,7 +12,8 @@ import pytest
 
 from mjrun.check.check import ModelCheck, _with_reason
 from mjrun.check.context import CheckContext
-from mjrun.check.rule import NOT_CERTAIN, FixedModelCopy, FixResult
+from mjrun.check.finding import FixedModelCopy, FixResult
+from mjrun.check.rule import NOT_CERTAIN
 from mjrun.check.worker_pool import CheckProcessOutput, CheckProcessPool, CheckRequest
 from mjrun.child_process import ExitStatus
 from mjrun.errors import option

@@ -4,7 +4,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from mjrun.check.context import CheckContext
-from mjrun.check.rule import Finding, Place, Rule, Violation, rule, short_path
+from mjrun.check.finding import Finding, Place, Violation, short_path
+from mjrun.check.rule import Rule, rule
 from mjrun.model.xml_source import Element, read_xml
 from tests.check.models import FINE, write
 

@@ -10,7 +10,8 @@ import mujoco
 import pytest
 
 import mjrun.check.rules
-from mjrun.check.rule import MAX_OBJECTS, Finding, Rule
+from mjrun.check.finding import MAX_OBJECTS, Finding
+from mjrun.check.rule import Rule
 from mjrun.check.rule_catalogue import TOPICS, described, explanation, topic
 from mjrun.check.rule_runner import MAX_FINDINGS, RULES, capped, explain
 from mjrun.errors import ModelError, UnknownNameError, flag, option, spelled

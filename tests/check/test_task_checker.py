@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.check.rule import Finding, Place
+from mjrun.check.finding import Finding, Place
 from mjrun.check.task_checker import COUNT, NonFiniteOccurrence, TaskPlaces, place_of, watch
 from mjrun.document.task import read_task
 from mjrun.errors import DocumentProblem, spelled

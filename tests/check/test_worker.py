@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from mjrun.check.context import CheckContext
-from mjrun.check.rule import Violation
+from mjrun.check.finding import Violation
 from mjrun.check.rule_runner import RULES
 from mjrun.check.rules.check_itself import TIMEOUT
 from mjrun.check.worker import Checker, ModelChecker

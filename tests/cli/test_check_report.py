@@ -9,7 +9,7 @@ from urllib.parse import unquote, urlsplit
 import pytest
 
 from mjrun.check.check import CheckResult, ModelCheckResult
-from mjrun.check.rule import SEVERITIES, Finding, FixedFile
+from mjrun.check.finding import SEVERITIES, Finding, FixedFile
 from mjrun.check.rule_catalogue import explanation
 from mjrun.check.rule_runner import RULES
 from mjrun.cli import check_report

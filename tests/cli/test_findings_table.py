@@ -4,7 +4,7 @@ import csv
 from pathlib import Path
 
 from mjrun.check.check import CheckResult
-from mjrun.check.rule import Finding, ModelCheckResult
+from mjrun.check.finding import Finding, ModelCheckResult
 from mjrun.cli.check_report import write_findings
 from mjrun.plotting.table_and_study_plot import TablePlot
 

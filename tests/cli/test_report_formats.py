@@ -6,8 +6,7 @@ from xml.etree import ElementTree as ET
 
 from markdown_it import MarkdownIt
 
-from mjrun.cli.console import CiVerdict
-from mjrun.cli.report_formats import MOST, github, junit, markdown
+from mjrun.cli.report_formats import MOST, CiVerdict, github, junit, markdown
 
 CASES = [
     CiVerdict("a.xml"),

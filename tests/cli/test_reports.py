@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import pytest
 
-from mjrun.cli.console import CiVerdict, CommandReport, Console, document_form
+from mjrun.cli.console import CommandReport, Console, document_form
+from mjrun.cli.report_formats import CiVerdict
 from mjrun.errors import flag
 from mjrun.options.every_command import DOCUMENT_FORMS
 

@@ -19,7 +19,8 @@ from mjrun.evaluation.summaries import FILES
 from mjrun.formats.temporary_output import TemporaryOutput
 from mjrun.options.sweep import PARTS
 from mjrun.study import executors
-from mjrun.study.spec import ChunkResult, PointChunk
+from mjrun.study.isolation import PointChunk
+from mjrun.study.spec import ChunkResult
 from mjrun.task.task import Reward
 from tests.document.schema_oracle import fits
 from tests.evaluation.tasks import XML, cart_task, write_policies

@@ -12,9 +12,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from mjrun.errors import FileError
-from mjrun.formats import number_text, table_read_stream
-from mjrun.formats.number_text import WholeLinePieces
+from mjrun.formats import number_text, table_read_stream, text_lines
 from mjrun.formats.table_reader import read_table
+from mjrun.formats.text_lines import WholeLinePieces
 from tests.formats.table_files import everything, put
 
 
@@ -49,7 +49,7 @@ def test_the_place_of_a_bad_cell_is_right_in_every_piece(
 def test_a_line_without_end_is_refused_before_it_fills_the_memory(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(number_text, "LINE", 2**10)
+    monkeypatch.setattr(text_lines, "LINE", 2**10)
     for name, content in (("t.csv", "time,x\n0,"), ("t.jsonl", '{"time":0}\n{"time":')):
         path = put(tmp_path / name, content + "0" * 2**20)
         with pytest.raises(FileError, match=f"^{re.escape(str(path))}:2: is a line of more than 1024 bytes"):

@@ -29,7 +29,7 @@ from scipy.io import savemat
 
 import mjrun
 from mjrun.errors import FileError, MissingExtraError, MjrunError, UnknownNameError, UsageError, clean
-from mjrun.formats import number_text
+from mjrun.formats import text_lines
 from mjrun.formats.table_reader import open_table, read_table
 from mjrun.formats.tables import FORMATS, suffixes
 from tests.formats.table_files import bits, everything, hypothesis, lists, put, write
@@ -403,7 +403,7 @@ def test_text_that_json_would_take_otherwise_is_read_as_python_reads_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: str, rows: list[list[float]]
 ) -> None:
     for size in (1, 9, 2**16):  # bytes in a piece
-        monkeypatch.setattr(number_text, "BYTES", size)
+        monkeypatch.setattr(text_lines, "BYTES", size)
         with open_table(put(tmp_path / "t.csv", content)) as table:
             assert bits(np.concatenate(list(table.blocks()))) == bits(rows)
 

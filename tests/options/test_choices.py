@@ -14,7 +14,7 @@ from mjrun.camera.script import parse_camera
 from mjrun.check import rule
 from mjrun.check.rule_runner import RULES
 from mjrun.cli import report_formats
-from mjrun.cli.console import CiVerdict
+from mjrun.cli.report_formats import CiVerdict
 from mjrun.errors import BadValueError, UnknownNameError
 from mjrun.formats import calibration_writer, image_format
 from mjrun.formats.codecs import CODECS

@@ -11,7 +11,8 @@ from mjrun.errors import ContactMemoryError, FailedStepError, UnstableError
 from mjrun.outputs.event_detection import EventDetector
 from mjrun.outputs.frame_drawing import overlay_probes
 from mjrun.outputs.trace_rows import ProbeSampler, blocks
-from mjrun.physics.simulation_loop import ReplayStepper, StateBuffer, run_with_taps
+from mjrun.physics.replay_stepper import ReplayStepper
+from mjrun.physics.simulation_loop import StateBuffer, run_with_taps
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.timeline import Timeline, rational
 

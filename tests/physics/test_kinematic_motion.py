@@ -21,7 +21,7 @@ from mjrun.physics.kinematic_samples import (
     quaternions,
     slerp,
 )
-from mjrun.physics.simulation_loop import ReplayStepper
+from mjrun.physics.replay_stepper import ReplayStepper
 from tests.physics.tumbler import model, tumble
 
 TENTH = slice(0, 501, 10)

@@ -10,7 +10,7 @@ from mjrun.model import state
 from mjrun.options.simulation import PushKind
 from mjrun.outputs.trace_rows import blocks
 from mjrun.physics.control import ControlSources, PeriodicController, PushForces
-from mjrun.physics.simulation_loop import AHEAD, RecordedInputs
+from mjrun.physics.recorded_states import AHEAD, RecordedInputs
 from mjrun.physics.stepper import PhysicsStepper
 from tests.physics.tumbler import Kept, model
 

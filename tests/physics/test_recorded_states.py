@@ -18,7 +18,9 @@ from mjrun.errors import FailedStepError, UsageError
 from mjrun.formats.recording import RecordingReader, RecordingWriter
 from mjrun.model import state
 from mjrun.physics.control import Controller, ControlSources, PeriodicController
-from mjrun.physics.simulation_loop import ReplayStepper, Tap, require_model, run_with_taps, states_at
+from mjrun.physics.recorded_states import require_model, states_at
+from mjrun.physics.replay_stepper import ReplayStepper
+from mjrun.physics.simulation_loop import Tap, run_with_taps
 from mjrun.physics.stepper import PhysicsStepper, Stepper
 from mjrun.timeline import rational
 from tests.physics.tumbler import Kept

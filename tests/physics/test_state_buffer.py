@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from mjrun.errors import FileError
-from mjrun.physics import simulation_loop
+from mjrun.physics import recorded_states
 from mjrun.physics.simulation_loop import StateBuffer
 
 MODEL = mujoco.MjModel.from_xml_string("""<mujoco><worldbody><body><freejoint/><geom size="1"/></body>
@@ -36,7 +36,7 @@ def test_what_went_in_comes_out_bit_for_bit_in_order_in_memory_and_on_disk(
     states: list[np.ndarray], spill: int
 ) -> None:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(simulation_loop, "SPILL", spill)
+        patch.setattr(recorded_states, "SPILL", spill)
         with closing(StateBuffer(MODEL)) as kept:
             for state in states:
                 kept.append(state)
@@ -45,7 +45,7 @@ def test_what_went_in_comes_out_bit_for_bit_in_order_in_memory_and_on_disk(
 
 
 def test_many_states_go_to_disk_and_few_do_not(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(simulation_loop, "SPILL", 2 * SIZE * 8)
+    monkeypatch.setattr(recorded_states, "SPILL", 2 * SIZE * 8)
     with closing(StateBuffer(MODEL)) as kept:
         on_disk = []
         for index in range(4):
@@ -57,7 +57,7 @@ def test_many_states_go_to_disk_and_few_do_not(monkeypatch: pytest.MonkeyPatch) 
 
 @pytest.mark.parametrize("spill", [1, 2**20])
 def test_states_can_be_read_in_any_order_between_writes(monkeypatch: pytest.MonkeyPatch, spill: int) -> None:
-    monkeypatch.setattr(simulation_loop, "SPILL", spill)
+    monkeypatch.setattr(recorded_states, "SPILL", spill)
     with closing(StateBuffer(MODEL)) as kept:
         for index in range(5):
             kept.append(counted(index))
@@ -99,7 +99,7 @@ def test_a_recording_is_over_when_it_is_closed() -> None:
 
 
 def test_no_file_is_left_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(simulation_loop, "SPILL", 1)
+    monkeypatch.setattr(recorded_states, "SPILL", 1)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     with closing(StateBuffer(MODEL)) as kept:
         kept.append(counted(0))
@@ -113,6 +113,6 @@ def test_states_that_need_a_folder_where_there_is_none_are_told(monkeypatch: pyt
 
     monkeypatch.setattr(tempfile, "tempdir", None)
     monkeypatch.setattr(tempfile, "_get_default_tempdir", no_folder)
-    monkeypatch.setattr(simulation_loop, "SPILL", 1)
+    monkeypatch.setattr(recorded_states, "SPILL", 1)
     with closing(StateBuffer(MODEL)) as states, pytest.raises(FileError, match="no folder: cannot store the recording"):
         states.append(counted(0))

@@ -22,9 +22,9 @@ from mjrun.outputs.recording import Recording
 from mjrun.outputs.trace_rows import blocks
 from mjrun.physics.control import ControlSources, PeriodicController, PushForces
 from mjrun.physics.stepper import PhysicsStepper
-from mjrun.simulation import manifest
-from mjrun.simulation.manifest import UNEXPLAINED, first_difference, verify
+from mjrun.simulation import verification
 from mjrun.simulation.simulation import Simulation
+from mjrun.simulation.verification import UNEXPLAINED, first_difference, verify
 from mjrun.timeline import rational
 from tests.physics.test_recorded_states import DELAYED, PLUGIN, SLEEPY, TUMBLE, Kept, live, recorded, wave
 
@@ -262,7 +262,7 @@ def test_a_recording_of_some_steps_is_verified_at_those(every: int) -> None:
 
 
 def test_progress_is_reported_and_the_model_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(manifest, "PROGRESS", 50)
+    monkeypatch.setattr(verification, "PROGRESS", 50)
     model, messages = mujoco.MjModel.from_xml_string(TUMBLE.format("Euler")), list[int]()
     flags = model.opt.disableflags
     assert first_difference(model, run(model, range(101)), 100, messages.append) is None

@@ -17,7 +17,8 @@ from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.study import clusters
 from mjrun.study.clusters import ClusterExecutor, open_cluster
 from mjrun.study.executors import QUEUED, ExecutorEndedError, completed, open_executor
-from mjrun.study.spec import PointChunk, ShippedStudy
+from mjrun.study.isolation import PointChunk
+from mjrun.study.spec import ShippedStudy
 
 
 @pytest.mark.parametrize("engine", ["dask://127.0.0.1:1", "ray://127.0.0.1:1"])

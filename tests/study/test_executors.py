@@ -27,9 +27,9 @@ from mjrun.simulation.simulation import Simulation
 from mjrun.study import clusters
 from mjrun.study.clusters import LostJobError, SlurmExecutor, most_jobs
 from mjrun.study.executors import GROWTH, MOST, QUEUED, SECONDS, ChunkSizes, completed, open_executor, process_count
-from mjrun.study.isolation import LocalExecutor, run_chunk
+from mjrun.study.isolation import LocalExecutor, PointChunk, run_chunk
 from mjrun.study.simulate import PointSimulator
-from mjrun.study.spec import ChunkResult, PointChunk, ShippedStudy, StudyPoint, StudySpec
+from mjrun.study.spec import ChunkResult, ShippedStudy, StudyPoint, StudySpec
 from tests.cases import cases
 from tests.processes import PATIENCE, wait_until
 from tests.study.slurm_stand_in import install, states

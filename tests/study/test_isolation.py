@@ -17,10 +17,10 @@ import pytest
 from mjrun.errors import FileError, SystemLimitError
 from mjrun.simulation.simulation import Simulation
 from mjrun.study import point_server
-from mjrun.study.isolation import IsolatedSimulator, LocalExecutor, end_process, run_chunk
+from mjrun.study.isolation import IsolatedSimulator, LocalExecutor, PointChunk, end_process, run_chunk
 from mjrun.study.point_server import PointSimulationServer, new_worker, start_early
 from mjrun.study.simulate import PointSimulator
-from mjrun.study.spec import PointChunk, ShippedStudy, StudyPoint, StudySpec, WorkerVersions
+from mjrun.study.spec import ShippedStudy, StudyPoint, StudySpec, WorkerVersions
 from tests.processes import wait_until
 
 pytestmark = pytest.mark.usefixtures("point_processes")

@@ -28,11 +28,11 @@ from mjrun.reporter import PythonApiReporter
 from mjrun.simulation.simulation import Simulation
 from mjrun.study import executors, isolation
 from mjrun.study.executors import open_executor
-from mjrun.study.isolation import run_chunk
+from mjrun.study.isolation import PointChunk, run_chunk
 from mjrun.study.job_plan import plan, run_task
 from mjrun.study.part_files import PartFiles, PartPublisher
 from mjrun.study.prepared import PreparedStudy
-from mjrun.study.spec import ChunkResult, PointChunk
+from mjrun.study.spec import ChunkResult
 from mjrun.study.study import Study, StudyResult
 from tests.cases import cases
 from tests.reporters import RecordingReporter

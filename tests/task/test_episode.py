@@ -7,7 +7,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.physics.simulation_loop import SPILL, ReplayStepper, StateBuffer, Tap, run_with_taps
+from mjrun.physics.recorded_states import SPILL
+from mjrun.physics.replay_stepper import ReplayStepper
+from mjrun.physics.simulation_loop import StateBuffer, Tap, run_with_taps
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.task.episode import Actor, ControlInstants, Ending, EpisodeOver, EpisodeReplayStepper, recorded
 from mjrun.task.single_world import SingleWorld, TaskStepper

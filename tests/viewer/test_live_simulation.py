@@ -13,8 +13,8 @@ from mjrun.model import state
 from mjrun.outputs.recording import Recording
 from mjrun.simulation.simulation import Simulation
 from mjrun.task.task import Action, Observation, Task
+from mjrun.viewer.actions import PullBodies, SetStateNumbers
 from mjrun.viewer.viewer import RECORDED, REPLAY, LiveSimulation, SessionRecording
-from mjrun.viewer.window import PullBodies, SetStateNumbers
 from tests.reporters import RecordingReporter
 
 ARM = """<mujoco><option timestep=".002"/><worldbody>

@@ -21,8 +21,8 @@ SCRIPT = """
 import sys, threading, time
 import mujoco, numpy as np
 from mjrun.viewer.window import NativeWindow, RIGHT, SPACE
-from mjrun.viewer.window import PullBodies, ResetSimulation, SetPaused, SetSpeed, SetStateNumbers, SimulationStatus
-from mjrun.viewer.window import TakeStep
+from mjrun.viewer.actions import PullBodies, ResetSimulation, SetPaused, SetSpeed, SetStateNumbers, SimulationStatus
+from mjrun.viewer.actions import TakeStep
 
 model = mujoco.MjModel.from_xml_path(sys.argv[1])
 data = mujoco.MjData(model)

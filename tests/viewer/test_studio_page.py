@@ -15,8 +15,8 @@ SCRIPT = r'''
 import copy, socket, subprocess, sys, threading, time, urllib.error, urllib.request
 import mujoco, numpy as np
 from mjrun.viewer import studio_page as studio
-from mjrun.viewer.window import PullBodies, ResetSimulation, SetPaused, SetSpeed, SetStateNumbers, SimulationStatus
-from mjrun.viewer.window import PHYSICS_SETTINGS, TakeStep, UnsupportedAction
+from mjrun.viewer.actions import PullBodies, ResetSimulation, SetPaused, SetSpeed, SetStateNumbers, SimulationStatus
+from mjrun.viewer.actions import PHYSICS_SETTINGS, TakeStep, UnsupportedAction
 from tests.viewer.studio_client import Page, browser, payloads
 from websockets.sync.client import connect
 from websockets.exceptions import InvalidStatus

@@ -17,8 +17,7 @@ from mjrun.outputs.recording import Recording
 from mjrun.shared_status import ProcessActivityMemory, record_status_in
 from mjrun.simulation.simulation import Simulation
 from mjrun.viewer import window as windows
-from mjrun.viewer.viewer import WATCHED, Pacer, Viewer
-from mjrun.viewer.window import (
+from mjrun.viewer.actions import (
     Action,
     PullBodies,
     ResetSimulation,
@@ -28,6 +27,7 @@ from mjrun.viewer.window import (
     TakeStep,
     UnsupportedAction,
 )
+from mjrun.viewer.viewer import WATCHED, Pacer, Viewer
 from tests.conftest import Command
 from tests.reporters import RecordingReporter
 

@@ -8,7 +8,8 @@ import pytest
 
 from mjrun.errors import UsageError, spelled
 from mjrun.viewer import window
-from mjrun.viewer.window import PHYSICS_SETTINGS, BrowserWindow, PullBodies, ResetSimulation
+from mjrun.viewer.actions import PHYSICS_SETTINGS, PullBodies, ResetSimulation
+from mjrun.viewer.window import BrowserWindow
 
 
 def test_actions_are_values() -> None:

@@ -11,7 +11,8 @@ import mujoco
 import numpy as np
 
 from mjrun.check.context import OWNERS, CheckContext
-from mjrun.check.rule import Violation, rule
+from mjrun.check.finding import Violation
+from mjrun.check.rule import rule
 from mjrun.errors import clean
 from mjrun.model.names import JOINT_TRANSMISSIONS, KIND_OF, KINDS, SCALAR_JOINTS, actuators_of
 

@@ -6,7 +6,8 @@ from functools import partial
 from itertools import islice
 from pathlib import Path
 
-from mjrun.check.rule import SAFE, Finding, Fix, Rule
+from mjrun.check.finding import Finding, Fix
+from mjrun.check.rule import SAFE, Rule
 from mjrun.errors import clean, listing, near, quoted
 from mjrun.formats.input_file import files_below, in_any_case
 from mjrun.model import xml_source

@@ -7,7 +7,8 @@ import mujoco
 import numpy as np
 
 from mjrun.check.context import CheckContext
-from mjrun.check.rule import GENERATED, UNSAFE, Fix, Violation, rule
+from mjrun.check.finding import Fix, Violation
+from mjrun.check.rule import GENERATED, UNSAFE, rule
 from mjrun.check.rules.meshes import convex_volume, geom_mass
 from mjrun.errors import listing
 from mjrun.model.xml_source import Element

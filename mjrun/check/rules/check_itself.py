@@ -8,7 +8,8 @@ model as a whole.
 import re
 from collections.abc import Collection, Iterable, Iterator
 
-from mjrun.check.rule import Finding, Place, Rule, short_path
+from mjrun.check.finding import Finding, Place, short_path
+from mjrun.check.rule import Rule
 from mjrun.dataclass import dataclass
 from mjrun.model.xml_source import Comment
 

@@ -8,7 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from mjrun.check.rule import NOT_CERTAIN, SAFE, Finding, Fix, MakeFix, Place, Rule, short_path
+from mjrun.check.finding import Finding, Fix, MakeFix, Place, short_path
+from mjrun.check.rule import NOT_CERTAIN, SAFE, Rule
 from mjrun.check.rules import asset_files, limits, mjcf_schema
 from mjrun.check.rules.check_itself import OUT_OF_MEMORY
 from mjrun.check.rules.keyframes import SIZE_REMEDY, incomplete_keyframes, size_message

@@ -7,7 +7,8 @@ import mujoco
 import numpy as np
 
 from mjrun.check.context import CheckContext
-from mjrun.check.rule import Place, Violation, rule
+from mjrun.check.finding import Place, Violation
+from mjrun.check.rule import rule
 from mjrun.check.rules.bodies import INFINITE
 from mjrun.check.rules.meshes import CAPSULE, CYLINDER, MESH, SPHERE, Surface
 from mjrun.model.names import FREE

@@ -18,7 +18,8 @@ import mujoco
 import numpy as np
 
 from mjrun.check.context import CheckContext, declared_name
-from mjrun.check.rule import GENERATED, Fix
+from mjrun.check.finding import Fix
+from mjrun.check.rule import GENERATED
 from mjrun.check.rules.asset_files import asset_folders, file_of
 from mjrun.check.rules.bodies import bodies_with_inferred_mass
 from mjrun.check.rules.contacts import deep_penetrations

@@ -8,7 +8,8 @@ import mujoco
 import numpy as np
 
 from mjrun.check.context import CheckContext
-from mjrun.check.rule import GENERATED, SAFE, UNSAFE, Fix, Violation, rule, words_fix
+from mjrun.check.finding import Fix, Violation
+from mjrun.check.rule import GENERATED, SAFE, UNSAFE, rule, words_fix
 from mjrun.check.rules.limits import beyond_range, beyond_span, joints_beyond_range
 from mjrun.errors import counted, listing
 from mjrun.model.names import BALL, FREE, SCALAR_JOINTS, actuator_parts

@@ -10,7 +10,8 @@ import mujoco
 import numpy as np
 
 from mjrun.check.context import CheckContext
-from mjrun.check.rule import GENERATED, NOT_CERTAIN, SAFE, UNSAFE, Fix, Violation, rule, words_fix
+from mjrun.check.finding import Fix, Violation
+from mjrun.check.rule import GENERATED, NOT_CERTAIN, SAFE, UNSAFE, rule, words_fix
 from mjrun.check.rules.bodies import INFINITE
 from mjrun.errors import option
 from mjrun.model.names import JOINT_TRANSMISSIONS, SCALAR_JOINTS, actuator_parts

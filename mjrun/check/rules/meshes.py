@@ -7,7 +7,8 @@ import mujoco
 import numpy as np
 
 from mjrun.check.context import CheckContext
-from mjrun.check.rule import Violation, rule
+from mjrun.check.finding import Violation
+from mjrun.check.rule import rule
 
 LEGACY, EXACT = mujoco.mjtMeshInertia.mjMESH_INERTIA_LEGACY, mujoco.mjtMeshInertia.mjMESH_INERTIA_EXACT
 CONVEX, SHELL = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX, mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL

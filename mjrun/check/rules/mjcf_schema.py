@@ -12,7 +12,8 @@ from functools import cache, partial
 
 import mujoco
 
-from mjrun.check.rule import NOT_CERTAIN, SAFE, Finding, Fix, Place, Rule
+from mjrun.check.finding import Finding, Fix, Place
+from mjrun.check.rule import NOT_CERTAIN, SAFE, Rule
 from mjrun.dataclass import dataclass
 from mjrun.errors import clean, listing, near, quoted, suggestion
 from mjrun.model.text_edits import ElementEditor

@@ -13,7 +13,8 @@ import mujoco
 import numpy as np
 
 from mjrun.check.context import CheckContext
-from mjrun.check.rule import UNSAFE, Finding, Fix, Rule, Violation, rule
+from mjrun.check.finding import Finding, Fix, Violation
+from mjrun.check.rule import UNSAFE, Rule, rule
 from mjrun.check.rules.contacts import deep_penetrations, filled_mesh
 from mjrun.check.rules.decomposition_fix import decomposed
 from mjrun.check.rules.keyframes import keyframe_fix

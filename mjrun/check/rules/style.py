@@ -10,7 +10,8 @@ import mujoco
 import numpy as np
 
 from mjrun.check.context import CheckContext
-from mjrun.check.rule import SAFE, Fix, Place, Violation, rule
+from mjrun.check.finding import Fix, Place, Violation
+from mjrun.check.rule import SAFE, rule
 from mjrun.check.rules.asset_files import FOLDER_ATTRIBUTES, asset_folders, file_attributes
 from mjrun.check.rules.bodies import flex_bodies
 from mjrun.errors import quoted

@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mjrun.check.rule import Finding, Rule
+from mjrun.check.finding import Finding
+from mjrun.check.rule import Rule
 from mjrun.errors import counted, listing, quoted
 from mjrun.model.names import names
 from mjrun.options.task import CONTROL

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from mjrun.cli.click_command import ON_FILES, ModelArgument, ParsedCommandLine, command
-from mjrun.cli.console import CiVerdict, CommandReport, Console
+from mjrun.cli.console import CommandReport, Console
+from mjrun.cli.report_formats import CiVerdict
 from mjrun.cli.simulation_command import (
     import_mujoco,
     load_controller,

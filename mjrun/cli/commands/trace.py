@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from mjrun.model.table_column import Column
-    from mjrun.simulation.manifest import StateDifference, VerificationResult
+    from mjrun.simulation.verification import StateDifference, VerificationResult
 
 LISTED = 40  # columns of a summary
 WRITTEN = ("output", "contacts", "manifest", "recording", "save_key")
@@ -42,7 +42,7 @@ WRITTEN = ("output", "contacts", "manifest", "recording", "save_key")
     arguments=[MODEL],
     python="Trace",
     key="traces",
-    reports={"trace": "mjrun.outputs.trace:TraceResult", "verify": "mjrun.simulation.manifest:VerificationResult"},
+    reports={"trace": "mjrun.outputs.trace:TraceResult", "verify": "mjrun.simulation.verification:VerificationResult"},
 )
 def trace(console: Console, command_line: ParsedCommandLine) -> None:
     """Measure a simulation of MODEL: one row per instant, exact numbers, named columns. A terminal gets the range of
@@ -129,7 +129,7 @@ def _list(console: Console, command_line: ParsedCommandLine, *, groups: bool) ->
 
 def _verify(console: Console, command_line: ParsedCommandLine) -> None:
     _require_no_output(command_line, f"{option('verify')} compares states and measures nothing")
-    from mjrun.simulation.manifest import verify
+    from mjrun.simulation.verification import verify
 
     result = verify(simulation(command_line), console)
     report = CommandReport("verify", result, summary=lambda: "\n".join(verification_lines(result)))

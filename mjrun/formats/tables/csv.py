@@ -27,10 +27,11 @@ import numpy as np
 import orjson
 
 from mjrun.errors import FileError, clean
-from mjrun.formats import number_text
-from mjrun.formats.number_text import ROW_END, WholeLinePieces
+from mjrun.formats import number_text, text_lines
+from mjrun.formats.number_text import ROW_END
 from mjrun.formats.table_read_stream import EXACT, AcceptedCells, ColumnFilter, TableReadStream, select, shown
 from mjrun.formats.table_writer import RowWriter, units_beside
+from mjrun.formats.text_lines import WholeLinePieces
 from mjrun.model.table_column import Column
 
 FORMULA = ("=", "+", "-", "@")  # first characters of a cell that a spreadsheet reads as a formula
@@ -200,7 +201,7 @@ class _Lines:
         self.buffered = True
 
     def _split(self, path: Path, file: BinaryIO) -> Iterator[str]:
-        for line in number_text.lines(path, file, self.count):
+        for line in text_lines.lines(path, file, self.count):
             self.buffered = b"\r" in line[:-2]
             yield from _texts(line if self.count else line.removeprefix(codecs.BOM_UTF8))
 

@@ -20,7 +20,7 @@ import numpy as np
 import orjson
 
 from mjrun.errors import FileError, clean
-from mjrun.formats import number_text
+from mjrun.formats import number_text, text_lines
 from mjrun.formats.table_read_stream import AcceptedCells, ColumnFilter, TableReadStream, select, shown
 from mjrun.formats.table_writer import RowWriter
 from mjrun.model.table_column import Column
@@ -71,7 +71,7 @@ def read(path: Path, file: BinaryIO, wanted: ColumnFilter, cells: AcceptedCells)
 def _rows(path: Path, file: BinaryIO, cells: AcceptedCells) -> Iterator[tuple[int, dict[str, Any]]]:
     """Yields every object with its line; skips blank lines, and checks that the keys of the first row are unique."""
     first = True
-    for number, text in enumerate(number_text.lines(path, file), 1):
+    for number, text in enumerate(text_lines.lines(path, file), 1):
         line = text.removeprefix(codecs.BOM_UTF8) if number == 1 else text
         if not line.strip():
             continue

@@ -18,7 +18,7 @@ from mjrun.options.rendering import GHOST_MOTIONS, NO_MAP, SceneOptions
 from mjrun.options.schema_validation import InvalidValueError
 from mjrun.physics.initial_state import InitialState
 from mjrun.physics.kinematic_samples import KinematicMotion
-from mjrun.physics.simulation_loop import require_model, require_timestep, states_at
+from mjrun.physics.recorded_states import require_model, require_timestep, states_at
 from mjrun.rendering.added_geoms import Ghost
 from mjrun.rendering.visual import Visual, visual_of
 from mjrun.simulation.simulation import Simulation

@@ -6,16 +6,12 @@ first use.
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import UnknownNameError, UsageError, clean, option
 from mjrun.options.trace import PROBES
 from mjrun.packages import require
 from mjrun.suffixes import HTML
-
-if TYPE_CHECKING:
-    from mjrun.outputs.export import SceneToExport
 
 EPISODES = "mjrun.study.episode_dataset:EpisodeDataset"
 
@@ -73,7 +69,7 @@ class ExportFormat:
 FORMATS = {
     known.name: known
     for known in (
-        ExportFormat("glb", (".glb",), "binary glTF with scene and motion", "mjrun.outputs.exports:write_glb_file"),
+        ExportFormat("glb", (".glb",), "binary glTF with scene and motion", "mjrun.outputs.export:write_glb_file"),
         ExportFormat(
             "html",
             HTML,
@@ -104,7 +100,7 @@ FORMATS = {
             "usd",
             (".usdc", ".usda", ".usdz", ".usd"),
             "OpenUSD with scene and motion, as binary, text or package",
-            "mjrun.outputs.exports:write_usd_file",
+            "mjrun.outputs.export:write_usd_file",
             libraries=("pxr",),
             extra="usd",
         ),
@@ -148,21 +144,3 @@ def export_format(output: str, name: str | None = None) -> ExportFormat:
         )
     chosen.require_library()
     return chosen
-
-
-def write_glb_file(scene: "SceneToExport", file: BinaryIO) -> None:
-    """Writes the scene with its motion as binary glTF."""
-    from mjrun.formats.glb import write_glb
-
-    for text in write_glb(file, scene.graph, scene.motion, {"mjrun": scene.facts}, scene.generator):
-        scene.context.reporter.warn(text)
-
-
-def write_usd_file(scene: "SceneToExport", file: BinaryIO) -> None:
-    """Writes the scene with its motion as OpenUSD."""
-    from mjrun.formats.usd import write_usd
-
-    form, suffix = scene.request.file_format, Path(scene.request.output).suffix.lower()
-    kind = suffix if suffix in form.suffixes else format_named(scene.request.format or form.name)[1]
-    for text in write_usd(file, kind, scene.graph, scene.motion, float(scene.request.fps), scene.facts):
-        scene.context.reporter.warn(text)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mjrun.camera.pose import CameraPose, lens
-from mjrun.camera.rigs.free_camera import FARTHEST, AutoRig
+from mjrun.camera.rigs.auto import FARTHEST, AutoRig
 from mjrun.camera.rigs.rig import MujocoCameras
 from mjrun.camera.script import LEVEL, CameraScript, EasedNumber, Shot
 from mjrun.camera.script_poses import BoundCameraScript

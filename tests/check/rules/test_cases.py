@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 import yaml
 
-from mjrun.check.rule import SEVERITIES
+from mjrun.check.finding import SEVERITIES
 from mjrun.check.rule_runner import RULES
 from mjrun.check.rules import simulation
 from tests.check.models import FINE, hinged, keyed, lint, mjcf

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from mjrun.check.rule import SEVERITIES
+from mjrun.check.finding import SEVERITIES
 from mjrun.check.rule_catalogue import TOPICS, explanation
 from mjrun.check.rule_runner import RULES
 from mjrun.formats.user_cache import VARIABLE

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import mujoco
 
 from mjrun.cli.commands.trace import verification_lines
-from mjrun.simulation.manifest import StateDifference, VerificationResult
+from mjrun.simulation.verification import StateDifference, VerificationResult
 from tests.cases import cases
 
 if TYPE_CHECKING:

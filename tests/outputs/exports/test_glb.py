@@ -100,4 +100,4 @@ def test_the_file_states_its_origin_and_the_scene(tmp_path: Path) -> None:
     assert gltf.asset.generator.startswith("mjrun ")
     assert gltf.scenes[0].extras["extent"] > 0
     assert FORMATS["glb"].suffixes == (".glb",)
-    assert FORMATS["glb"].write == "mjrun.outputs.exports:write_glb_file"
+    assert FORMATS["glb"].write == "mjrun.outputs.export:write_glb_file"

@@ -21,7 +21,7 @@ from mjrun.model.table_column import Column
 from mjrun.outputs.event_detection import TimelineMark
 from mjrun.outputs.export import FrameContacts, MeasuredValues
 from mjrun.outputs.exports.html import Replay, ReplayCurve, ReplayPanel, curve_panels, replay_page
-from mjrun.physics.simulation_loop import SpooledRows
+from mjrun.physics.recorded_states import SpooledRows
 from tests.browser import Tab, browser
 
 HOSTILE = "</script><img src=x onerror=hurt=1><script>hurt=1</script>"

@@ -1,105 +1,25 @@
-"""Facts of manifests: versions, command, model, resolved options, time; and the verification of a recording by them.
-
-Its physics is stepped again and compared with its states.
-"""
+"""The verification of a recording: its physics is stepped again and compared with its states."""
 
 import copy
-import dataclasses
-import platform
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from fractions import Fraction
 from pathlib import Path
-from typing import Any, NotRequired, TypedDict, cast
+from typing import Any, cast
 
 import mujoco
 import numpy as np
 
-from mjrun.confinement.confinement import confinement
 from mjrun.dataclass import dataclass
 from mjrun.errors import FailedStepError, UsageError, clean, concerning, listing, option, shortened
 from mjrun.formats.recording import RecordingReader, is_recording
 from mjrun.model import state
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
-from mjrun.model.source import ModelSource, content_fingerprint, physics_fingerprint
-from mjrun.physics.simulation_loop import RecordedStates, ReplayStepper
+from mjrun.model.source import physics_fingerprint
+from mjrun.physics.recorded_states import RecordedStates
+from mjrun.physics.replay_stepper import ReplayStepper
 from mjrun.probe.fields import state_columns
 from mjrun.reporter import PythonApiReporter, Reporter
+from mjrun.simulation.origin import origin
 from mjrun.simulation.simulation import Simulation, require_whole
-from mjrun.timeline import Timeline
-from mjrun.version import __version__
-
-
-class ModelOrigin(TypedDict):
-    """The origin of a model: its source, and the fingerprint of its compiled form."""
-
-    path: str
-    sha256: str
-
-
-class OutputOrigin(TypedDict):
-    """The origin of an output: facts that determine it."""
-
-    mjrun: str
-    mujoco: str
-    numpy: str
-    python: str
-    machine: str
-    command: str
-    model: ModelOrigin
-    inputs: Sequence[Mapping[str, object]]
-    untrusted: NotRequired[Mapping[str, object]]
-    options: dict[str, object]
-    seed: int
-    timestep: float
-    steps: int
-
-
-def origin(request: object, simulation: Simulation, model: mujoco.MjModel, timeline: Timeline) -> OutputOrigin:
-    """Returns the facts that determine the outputs of `request`, a dataclass, as plain values for JSON.
-
-    The fingerprint is that of the compiled model with all its assets and overrides, wherever its files are.
-    """
-    options = cast(dict[str, object], plain(request))
-    made: OutputOrigin = {
-        "mjrun": __version__,
-        "mujoco": mujoco.mj_versionString(),
-        "numpy": np.__version__,
-        "python": platform.python_version(),
-        "machine": f"{platform.system()} {platform.machine()}",
-        "command": str(options.pop("command", "")),
-        "model": {"path": simulation.source.text, "sha256": content_fingerprint(model)},
-        "inputs": simulation.fingerprints,
-        "options": options,
-        "seed": simulation.seed,
-        "timestep": float(timeline.timestep),
-        "steps": timeline.steps,
-    }
-    if limits := confinement():
-        made["untrusted"] = limits.facts()
-    return made
-
-
-def plain(value: object) -> object:
-    """Converts a value for JSON: dataclasses to the fields of their repr, exact numbers to floats, code to its name."""
-    if isinstance(value, mujoco.MjModel):
-        return "a compiled model"
-    if isinstance(value, ModelSource):
-        return value.text
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value) if field.repr}
-    if isinstance(value, Mapping):
-        items = cast(Mapping[object, object], value)
-        return {str(key): plain(item) for key, item in items.items()}
-    if isinstance(value, Fraction):
-        return float(value)
-    if isinstance(value, (str, int, float, type(None))):
-        return value
-    if isinstance(value, Sequence):
-        return [plain(item) for item in cast(Sequence[object], value)]
-    if isinstance(value, (np.ndarray, np.generic)):
-        return cast(object, value.tolist())
-    return getattr(value, "__qualname__", None) or str(value)
-
 
 SCHEMA = "mjrun-verify-1"
 VERSIONS = {"mjrun": "mjrun", "mujoco": "MuJoCo", "machine": "machine"}  # which determine the bits

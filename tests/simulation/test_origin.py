@@ -13,7 +13,7 @@ from PIL import Image
 
 from mjrun.formats.table_reader import open_table
 from mjrun.outputs.trace import Trace
-from mjrun.simulation.manifest import origin, plain
+from mjrun.simulation.origin import origin, plain
 from mjrun.simulation.simulation import Simulation
 
 TEXT = """
