@@ -68,6 +68,31 @@ def whitened(samples: Floats, correlation: float) -> Floats:
     return np.concatenate([samples[..., :1], left], axis=-1)
 
 
+def with_correlation(samples: Floats, correlation: float) -> Floats:
+    """Returns noise with this correlation of consecutive samples, from independent numbers of the same variance.
+
+    Args:
+      samples: consecutive samples, `(..., n)`.
+    """
+    from scipy import signal
+
+    innovations = np.sqrt(1 - correlation**2) * samples
+    innovations[..., :1] = samples[..., :1]
+    return signal.lfilter([1.0], [1.0, -correlation], innovations)
+
+
+def noise_scatter(derivatives: Floats, correlation: float) -> Floats:
+    """Returns the covariance of the gradients that noise with this correlation and a variance of 1 has, `(p, p)`.
+
+    Args:
+      derivatives: derivatives of consecutive samples, `(p, n)`.
+    """
+    from scipy import signal
+
+    earlier, later = (signal.lfilter([1.0], [1.0, -correlation], derivatives[:, ::way])[:, ::way] for way in (1, -1))
+    return (earlier + later - derivatives) @ derivatives.T
+
+
 def visible_share(correlations: Floats) -> Floats:
     """Returns the share of the variance of noise with these correlations that its third differences show.
 

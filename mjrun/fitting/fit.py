@@ -354,13 +354,14 @@ class _Run:
             self._noise[place] = deviation
         starting = StateGuesses(model, self._measurements.signals, state.save(model, data), self._noise)
         self._shooting = ShootingFit(self._predictor, self._parameters, starting, fit.loss, simulation.seed)
-        self._idle = self._without_effect(model, starting)
         self._outputs = FitOutputs(fit, simulation, self._predictor, self._parameters)
+        idle = self._without_effect(model, starting)
+        self._remarks = [*self._measurements.remarks, *idle, *self._outputs.remarks]
         self._latest: Solution | None = None
 
     def all(self) -> FitResult:
         sharing = [each.sharing for each in self._parameters if each.sharing]
-        for remark in [*self._measurements.remarks, *sharing, *self._idle]:
+        for remark in [*self._remarks, *sharing]:
             self._reporter.note(remark)
         starts = self._informative(self._starts(self._fit.starts))
         search = self._searched(starts)
@@ -567,7 +568,7 @@ class _Run:
             len(self._fitted.segments),
             self._predictor.rollouts,
             [],
-            [*map(spelled, [*self._measurements.remarks, *self._idle, *left.remarks(), *hints])],
+            [*map(spelled, [*self._remarks, *left.remarks(), *hints])],
             ways,
             [],
             time.perf_counter() - self._begin,

@@ -1,19 +1,29 @@
 """Information of measurements about parameters: which are identifiable, and confidence intervals.
 
 The unknown states of chunks are eliminated first, by projection. If residuals are white noise, intervals are those of
-linear least squares. Otherwise the fit is linearized around its solution and repeated with blocks of rows drawn with
-replacement: consecutive rows share what the model does not explain (H. R. Künsch, "The jackknife and the bootstrap for
-general stationary observations", 1989).
+linear least squares, and if they are correlated noise, they are those of simulated noise whose residuals are as
+correlated. Otherwise the fit is linearized around its solution and repeated with blocks of rows drawn with replacement:
+consecutive rows share what the model does not explain (H. R. Künsch, "The jackknife and the bootstrap for general
+stationary observations", 1989).
 """
 
 from collections.abc import Callable, Sequence
 from typing import cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import clean, listing
-from mjrun.fitting.correlated_noise import DOUBT, are_white, samples_by_signal
+from mjrun.fitting.correlated_noise import (
+    DOUBT,
+    are_white,
+    correlations,
+    lag_products,
+    noise_scatter,
+    samples_by_signal,
+    with_correlation,
+)
 from mjrun.fitting.free_parameter import FreeParameter, values_at
 from mjrun.fitting.measurements import least_noise
 from mjrun.fitting.shooting_problem import STATE_SCALE, Floats, Solution, with_noise
@@ -26,6 +36,8 @@ BLOCKS = 20  # fewest blocks
 DRAWS = 4000
 UNIFORM = 12.0  # inverse variance of a coordinate that may have any value from 0 to 1
 AT_BOUND = 1e-3  # distance from a bound, as a share of the range
+TRIED = np.append(np.arange(20) / 20, (0.97, 0.98, 0.99))  # correlations of consecutive samples
+LOGS, NUMBERS = (2, 40), 2**22  # simulated logs of noise for each of them, and their numbers if the log is long
 MOST_LEVERAGE = 0.9  # of a block: a parameter that one block alone determines leaves no residuals
 
 
@@ -37,11 +49,15 @@ class _ProjectedRows:
       jacobians: derivatives of the residuals, orthogonal to those of the states, `(n, p)`.
       residuals: residuals, projected likewise, `(n,)`.
       times: position of each row in its chunk, from 0 to 1, `(n,)`.
+      states: orthonormal basis of the derivatives with respect to the states, `(n, size)`.
+      signals: index of the signal of each row, `(n,)`.
     """
 
     jacobians: Floats
     residuals: Floats
     times: Floats
+    states: Floats
+    signals: NDArray[np.int64]
 
 
 def projected(solution: Solution) -> list[_ProjectedRows]:
@@ -68,7 +84,8 @@ def _projected(residuals: Floats, of_coordinates: Floats, of_states: Floats, wei
     q, _ = np.linalg.qr(np.concatenate([b, np.eye(size) / STATE_SCALE]))
     a = np.concatenate([a, np.zeros((size, a.shape[1]))])
     r = np.concatenate([r, np.zeros(size)])
-    return _ProjectedRows((a - q @ (q.T @ a))[:count], (r - q @ (q.T @ r))[:count], rows)
+    signals = np.nonzero(known)[1]
+    return _ProjectedRows((a - q @ (q.T @ a))[:count], (r - q @ (q.T @ r))[:count], rows, q[:count], signals)
 
 
 def information(parts: Sequence[_ProjectedRows]) -> Floats:
@@ -219,6 +236,8 @@ def intervals(
     whole = all_information(solution, parameters)
     if solution.loss == "linear" and is_white(solution, informations, scores, whole):
         moves, widened = scattered(solution, whole, generator), 1.0
+    elif solution.loss == "linear" and correlations(solution.residuals).any():
+        moves, widened = _scattered_by_correlated_noise(parts, whole, generator), 1.0
     else:
         moves = _bootstrapped(informations, scores, whole, generator)
         freedom = _degrees_of_freedom(informations, whole)
@@ -288,6 +307,62 @@ def scattered(solution: Solution, whole: Floats, generator: np.random.Generator)
     draws = generator.normal(size=(DRAWS // 2, len(root)))
     draws = np.concatenate([draws, -draws]) * solution.cost * np.sqrt(numbers / freedom)
     return draws / np.sqrt(generator.chisquare(freedom, (DRAWS, 1)) / freedom) @ root.T
+
+
+def _scattered_by_correlated_noise(
+    parts: Sequence[_ProjectedRows], whole: Floats, generator: np.random.Generator
+) -> Floats:
+    """Draws deviations of coordinates from the truth, `(DRAWS, p)`, if the noise is correlated from sample to sample.
+
+    A fit takes a part of slow noise for motion, so that residuals are smaller and less correlated than the noise. Noise
+    of several correlations is simulated to find that of which residuals are as correlated as the real ones.
+
+    Args:
+      whole: information of all parts and the priors, `(p, p)`.
+    """
+    root = _inverse_root(whole)
+    inverse = root @ root.T
+    measured = np.unique(np.concatenate([part.signals for part in parts]))
+    rows = [[np.flatnonzero(part.signals == signal) for part in parts] for signal in measured]
+    observed, totals = _correlation_of_signals([part.residuals for part in parts], rows)
+    found = np.empty((2, len(TRIED), len(rows)))
+    count = int(np.clip(NUMBERS // sum(len(part.residuals) for part in parts), *LOGS))
+    for trial, correlation in enumerate(TRIED):
+        noise = [np.empty((count, len(part.residuals))) for part in parts]
+        for places in rows:
+            for log, own in zip(noise, places, strict=True):
+                log[:, own] = with_correlation(generator.normal(size=(count, len(own))), correlation)
+        moves = -np.sum([log @ part.jacobians for log, part in zip(noise, parts, strict=True)], axis=0) @ inverse
+        left = [
+            log - log @ part.states @ part.states.T + moves @ part.jacobians.T
+            for log, part in zip(noise, parts, strict=True)
+        ]
+        shown, sizes = _correlation_of_signals(left, rows)
+        found[:, trial] = np.median(shown, axis=1), np.mean(sizes, axis=1)
+
+    scatter = np.zeros_like(whole)
+    for i, places in enumerate(rows):
+        correlation = cast("float", np.interp(observed[i], np.maximum.accumulate(found[0, :, i]), TRIED))
+        variance = totals[i] / np.interp(correlation, TRIED, found[1, :, i])
+        for part, own in zip(parts, places, strict=True):
+            scatter += variance * noise_scatter(part.jacobians[own].T, correlation)
+    values, vectors = np.linalg.eigh(inverse @ scatter @ inverse)
+    draws = generator.normal(size=(DRAWS // 2, len(whole))) * np.sqrt(np.maximum(values, 0.0))
+    return np.concatenate([draws, -draws]) @ vectors.T
+
+
+def _correlation_of_signals(
+    residuals: Sequence[Floats], rows: Sequence[Sequence[NDArray[np.int64]]]
+) -> tuple[Floats, Floats]:
+    """Returns the correlation of consecutive samples of each signal, and the sum of squares, `(signals, ...)` each.
+
+    Args:
+      residuals: residuals of each chunk, `(..., n)`.
+      rows: places of each signal in each chunk.
+    """
+    signals = [[each[..., own] for each, own in zip(residuals, places, strict=True)] for places in rows]
+    totals = np.array([lag_products(samples, 0) for samples in signals])
+    return np.array([lag_products(samples, 1) for samples in signals]) / np.maximum(totals, 1e-300), totals
 
 
 def _bootstrapped(informations: Floats, scores: Floats, whole: Floats, generator: np.random.Generator) -> Floats:

@@ -38,6 +38,7 @@ from mjrun.model.source import ModelSource, physics_fingerprint
 from mjrun.model.sources.file import FileSource
 from mjrun.model.table_column import Column
 from mjrun.options.fit import FitOptions
+from mjrun.options.option import is_given
 from mjrun.options.plot import FigureOptions
 from mjrun.outputs.output import ReservedFiles, named_files
 from mjrun.outputs.perform import perform, rehearse
@@ -62,6 +63,7 @@ Solutions = Mapping[tuple[str, str], Solution]  # by part, `fitted` or `held`, a
 WHICH = {"nominal": "predicted by the original model", "fitted": "predicted by the fitted model"}
 TEXT = "fitted model; ghost: as measured"
 SUFFIX = ".xml"
+OF_MODEL = ("integrator", "timestep", "ground", "set", "position_control")  # options that the fitted model lacks
 RANGES = "# distributions of fitted parameters, for the key vary of a study"
 
 
@@ -241,6 +243,17 @@ class FitOutputs:
             self._model_file.check(overrides(parameters, [each.value(0.5) for each in parameters]))
         signals = [column.name for column in predictor.columns]
         self._video = FitVideo(fit, predictor.model, signals) if fit.video is not None else None
+
+    @property
+    def remarks(self) -> list[str]:
+        """Remarks on options that the file of the fitted model does not contain."""
+        fit, simulation = self._fit, self._simulation
+        others = {path for path, _ in simulation.set} - {path for path, _ in fit.free}
+        names = [name for name in OF_MODEL if is_given(simulation, name) and (name != "set" or others)]
+        if fit.output is None or not names:
+            return []
+        shown = ", ".join(map(option, names))
+        return [f"{clean(fit.output)} contains only the fitted values, so later commands also need {shown}"]
 
     def publish(
         self,

@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 from scipy import linalg
 
-from mjrun.fitting.correlated_noise import are_white, correlations, samples_by_signal, visible_share, whitened
+from mjrun.fitting.correlated_noise import (
+    are_white,
+    correlations,
+    noise_scatter,
+    samples_by_signal,
+    visible_share,
+    whitened,
+    with_correlation,
+)
 from mjrun.fitting.simulated_regression import _likeliest_noise, _places_of_samples
 from tests.fitting.logs import correlated
 
@@ -66,3 +74,10 @@ def test_the_likeliest_noise_is_that_of_the_log_beside_rough_simulations(share: 
         assert gain > 100
     else:
         assert (scale, found, gain) == (1, 0, 0)
+
+
+def test_scatter_of_gradients_is_that_of_the_covariance_of_the_noise() -> None:
+    samples = np.random.default_rng(0).normal(size=(2, 30))
+    np.testing.assert_allclose(whitened(with_correlation(samples, 0.9), 0.9), samples)
+    covariance = linalg.toeplitz(0.9 ** np.arange(30))
+    np.testing.assert_allclose(noise_scatter(samples, 0.9), samples @ covariance @ samples.T)

@@ -16,8 +16,8 @@ from mjrun.fitting.information import (
     sensitivity,
 )
 from mjrun.fitting.shooting_fit import SHORTEST
-from mjrun.fitting.shooting_problem import STATE_SCALE, RoughMotionEstimate, Solution
-from tests.fitting.logs import NOISE
+from mjrun.fitting.shooting_problem import STATE_SCALE, RoughMotionEstimate, Solution, with_noise
+from tests.fitting.logs import NOISE, correlated
 from tests.fitting.problems import THREE, segments, shooting, solved
 
 
@@ -98,7 +98,7 @@ def white(solution: Solution) -> bool:
     return is_white(solution, informations, scores, informations.sum(axis=0))
 
 
-def line(seed: int, correlated: bool = False, uneven: bool = False) -> Solution:
+def line(seed: int, is_correlated: bool = False, uneven: bool = False) -> Solution:
     """A linear model of one parameter whose coordinate is 0.5, with noise; nothing is known of a state."""
     base, _ = solved()
     generator = np.random.default_rng(seed)
@@ -106,7 +106,7 @@ def line(seed: int, correlated: bool = False, uneven: bool = False) -> Solution:
     if uneven:  # four blocks of twenty tell nearly all
         jacobians = jacobians * np.exp(-np.arange(400) / 30)[:, None, None]
     noise = generator.normal(size=(400, 1))
-    if correlated:  # over about five rows
+    if is_correlated:  # over about five rows
         noise = np.convolve(generator.normal(size=404), np.ones(5), "valid")[:, None] / np.sqrt(5)
     estimate = float(jacobians[:, 0, 0] @ noise[:, 0] / (jacobians**2).sum())
     residuals = noise - jacobians[:, :, 0] * estimate
@@ -127,7 +127,7 @@ def test_white_residuals_have_the_intervals_of_least_squares() -> None:
     known = intervals(solution, [LINE], 0.95, 0)
     assert known.high[0] - known.low[0] == pytest.approx(2 * 1.966 * error * 2, rel=0.06)
     assert np.mean([white(line(seed)) for seed in range(40)]) > 0.9
-    assert not any(white(line(seed, correlated=True)) for seed in range(5))
+    assert not any(white(line(seed, is_correlated=True)) for seed in range(5))
 
 
 def test_a_prior_counts_the_same_near_a_bound() -> None:
@@ -146,12 +146,27 @@ def test_a_prior_counts_the_same_near_a_bound() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("correlated", "uneven"), [(False, False), (True, True)])
-def test_intervals_contain_the_truth_as_often_as_they_say(correlated: bool, uneven: bool) -> None:
+@pytest.mark.parametrize(("is_correlated", "uneven"), [(False, False), (True, True)])
+def test_intervals_contain_the_truth_as_often_as_they_say(is_correlated: bool, uneven: bool) -> None:
     """Of 100 intervals of 90 %, between 81 and 99 % contain the truth: chance alone leaves that about never."""
-    found = [intervals(line(seed, correlated, uneven), [LINE], 0.9, seed) for seed in range(100)]
+    found = [intervals(line(seed, is_correlated, uneven), [LINE], 0.9, seed) for seed in range(100)]
     hits = np.mean([each.low[0] < 0.0 < each.high[0] for each in found])
     assert 0.81 < hits < 0.99
+
+
+def test_they_contain_the_truth_as_often_if_noise_is_so_slow_that_a_fit_follows_it() -> None:
+    """Such noise is correlated by 0.95, and residuals less; blocks of a twentieth of the log are too short for it."""
+    base, parameters = solved()
+    (of_coordinates, of_states), hits = base.sensitivities[0], list[bool]()
+    design = np.column_stack([of_coordinates[:, 0], of_states[:, 0]])
+    for seed in range(40):
+        noise = correlated(0.95, base.residuals[0].shape, seed)
+        moves = np.linalg.lstsq(design, -noise[:, 0], rcond=None)[0]
+        ends = 0.5 + moves[: len(parameters)]
+        solution = replace(base, coordinates=ends, residuals=[noise + (design @ moves)[:, None]])
+        known = intervals(with_noise(solution, solution.observed_noise), parameters, 0.95, seed)
+        hits += [low <= p.value(0.5) <= high for p, low, high in zip(parameters, known.low, known.high, strict=True)]
+    assert np.mean(hits) > 0.93
 
 
 def test_they_widen_with_confidence() -> None:

@@ -88,6 +88,15 @@ def test_what_stands_in_an_included_file_is_refused(tmp_path: Path) -> None:
         FittedModelFile(tmp_path / "fitted.xml", FileSource(tmp_path / "main.xml")).check(OVERRIDES)
 
 
+def test_options_that_the_fitted_model_does_not_contain_are_named(fit: Fit, tmp_path: Path) -> None:
+    output = f"{tmp_path}/fitted.xml"
+    changed = replace(fit.simulation, set={"joint/hinge.stiffness": "0"}, integrator="implicitfast")
+    text = f"{output} contains only the fitted values, so later commands also need integrator, set"
+    assert replace(fit, simulation=changed, output=output).run().remarks == [text]
+    start = replace(fit.simulation, set={"joint/hinge.damping": "0.1"})  # which the fit replaces
+    assert replace(fit, simulation=start, output=output).run().remarks == []
+
+
 def test_a_file_that_the_model_includes_is_not_overwritten(fit: Fit, tmp_path: Path) -> None:
     """A model that replaced it would include itself."""
     model = tmp_path / "pendulum.xml"
