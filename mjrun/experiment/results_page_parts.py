@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
-from mjrun.errors import MissingExtraError, UsageError, clean, listing
+from mjrun.errors import MissingExtraError, UsageError, clean
 from mjrun.experiment.design import Design, numbers
 from mjrun.experiment.statistics import Interval
 from mjrun.formats.output_writer import StagedFile
@@ -72,8 +72,7 @@ def study_figures(folder: str | Path) -> tuple[list[PageFigure], list[str]]:
     except (UsageError, MissingExtraError) as error:
         return [], [f"no plot: {str(error).partition(chr(10))[0]}"]
     svg = page_svg(drawing, study_grid(drawing, None, in_page=True))
-    labels = [panel.label for panel in drawing.panels]
-    return [PageFigure(svg, listing(labels), plan.notes)], []
+    return [PageFigure(svg, drawing.description, plan.notes)], []
 
 
 def table_figure(path: str | Path, options: FigureOptions) -> PageFigure:

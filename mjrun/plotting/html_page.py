@@ -307,7 +307,7 @@ class Page:
       cards: findings and fixes with pictures, shown after the facts.
       notes: paragraphs below the title.
       verdicts: verdicts of assertions, each with its file.
-      verdict: whether all is well, and in words; None if assertions say so.
+      verdict: whether all is well in addition to the assertions, and in words.
       pairs: pictures to compare.
       refresh: time after which a browser loads the page again [s].
     """
@@ -397,19 +397,20 @@ def html_page(page: Page) -> str:
 
 
 def _header(page: Page, sections: Sequence[tuple[str, str]]) -> Markup:
-    """Returns the title, the overall verdict, and links to the sections."""
+    """Returns the title, the overall verdicts, and links to the sections."""
     failed = sum(not verdict.passed for _, verdict in page.verdicts)
     count = len(page.verdicts)
-    badge = Markup()
+    verdicts = [page.verdict] if page.verdict else []
     if count:
         text = f"{failed} of {count} assertions failed" if failed else f"{_counted(count, 'assertion')} passed"
-        badge = element("p", element("span", text, class_=f"badge {'fail' if failed else 'pass'}"))
-    elif page.verdict:
-        is_well, text = page.verdict
-        badge = element("p", element("span", text, class_=f"badge {'pass' if is_well else 'fail'}"))
+        verdicts.append((not failed, text))
+    badges = [
+        element("p", element("span", text, class_=f"badge {'pass' if is_well else 'fail'}"))
+        for is_well, text in verdicts
+    ]
     links = [element("a", title, href=f"#{name}") for name, title in sections]
     contents = element("nav", *links, aria_label="Contents") if len(links) > 1 else Markup()
-    return element("header", element("h1", page.title), badge, *(element("p", note) for note in page.notes), contents)
+    return element("header", element("h1", page.title), *badges, *(element("p", note) for note in page.notes), contents)
 
 
 def _section(name: str, title: str, parts: Sequence[Markup]) -> Markup:
@@ -470,7 +471,7 @@ def _figure(figure: PageFigure, index: int) -> Markup:
     label = f"plot-{index}"
     notes = [element("p", note, class_="note") for note in figure.notes]
     picture = element("div", Markup(inline_svg(figure.svg, label)), class_="scroll plot", tabindex="0")
-    return element("figure", picture, element("figcaption", figure.description, id=label), *notes)
+    return element("figure", picture, element("figcaption", element("p", figure.description, id=label), *notes))
 
 
 def inline_svg(svg: str, label: str) -> str:

@@ -147,7 +147,7 @@ class StudyPlot(TablePlot):
             if self.html:
                 page = stack.enter_context(PageWriter(self.html))
                 in_page = grid if self.size else study_grid(drawing, None, self.font_size, in_page=True)
-                figure = PageFigure(page_svg(drawing, in_page, self.style), listing(labels), plan.notes)
+                figure = PageFigure(page_svg(drawing, in_page, self.style), drawing.description, plan.notes)
                 files, manifests = html_page.included(self.include, self.html, self.embed_up_to)
                 own = _origin(self, [str(Path(folder, RESULTS))])
                 shown = Page(self.title or folder, MAKER, [figure], files=files, manifests=[own, *manifests])

@@ -36,6 +36,7 @@ from mjrun.plotting.html_page import (
 )
 from mjrun.plotting.table_statistics import ColumnStatistics
 from mjrun.probe.verdict import Verdict
+from tests.browser import Tab, browser
 
 EVIL = '<script>alert("1")</script>'
 SVG = (
@@ -165,6 +166,34 @@ def test_what_was_found_comes_first_and_has_a_row_for_each_name() -> None:
     sections = [attributes["id"] for tag, attributes in page.tags if tag == "section"]
     assert sections == ["what-was-found", "columns"]
     assert [a.get("class") for tag, a in page.tags if tag == "td"][:2] == ["number"] * 2
+
+
+def test_assertions_that_pass_do_not_hide_what_failed() -> None:
+    page = read(html_page(Page("t", "m", verdicts=PAGE.verdicts[:1], verdict=(False, "2 points: 1 unstable"))))
+    badges = [attributes["class"] for tag, attributes in page.tags if "badge" in str(attributes.get("class"))]
+    assert badges == ["badge fail", "badge pass"]
+
+
+def test_notes_are_in_the_caption_of_their_figure() -> None:
+    figure = html_page(PAGE).split("<figure>")[1]
+    assert figure.index("a note") < figure.index("</figcaption>")
+
+
+@pytest.mark.slow
+def test_long_names_wrap_before_a_table_scrolls(tmp_path: Path) -> None:
+    page = tmp_path / "page.html"
+    rows = [(f"/a/folder/of/{'models' * 12}/model.xml", "1", "yes")]
+    page.write_text(html_page(Page("t", "m", facts=[PageFactTable("Models", "m", ["Model", "Errors", "Loads"], rows)])))
+    with browser(tmp_path / "profile") as connection:
+        tab = Tab(connection, (600, 600))
+        tab.open(page.as_uri())
+        tab.wait("document.querySelector('.scroll')")
+        assert (
+            tab.evaluate(
+                "(({scrollWidth, clientWidth}) => scrollWidth - clientWidth)(document.querySelector('.scroll'))"
+            )
+            == 0
+        )
 
 
 def test_a_figure_is_as_wide_as_there_is_room_and_has_no_metadata() -> None:

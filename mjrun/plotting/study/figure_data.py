@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from mjrun.dataclass import dataclass
+from mjrun.errors import listing
 from mjrun.plotting.curve_syntax import ReferenceLine
 from mjrun.plotting.figure_data import PanelGrid, ParameterAxis, are_whole, panel_grid, scale
 
@@ -164,6 +165,11 @@ class DrawnStudyFigure:
     columns: int | None = None
     above: ParallelCoordinatesPanel | None = None
     legend_title: str = ""
+
+    @property
+    def description(self) -> str:
+        """The titles of the panels, each once."""
+        return listing([*dict.fromkeys(panel.label for panel in self.panels)])
 
 
 def in_turn(series: Sequence[Series], y: ParameterAxis) -> list[Series]:

@@ -160,6 +160,7 @@ def test_few_random_parameters_are_dots_and_x_may_be_a_metric() -> None:
     study = results({"a": a, "b": b}, {"z": a + b, "w": a - b})
     drawing = drawn(study)
     assert drawing.columns == 2
+    assert drawing.description == "z, w"
     assert [panel.x.name for panel in drawing.panels if isinstance(panel, GraphPanel)] == ["a", "b", "a", "b"]
     (panel,) = drawn(study, x="z", y=("w*2",)).panels
     assert isinstance(panel, GraphPanel)
