@@ -41,7 +41,7 @@ from mjrun.physics.recorded_states import SpooledRows
 from mjrun.physics.simulation_loop import Tap
 from mjrun.physics.stepper import Stepper, instants_of
 from mjrun.probe.contacts import RecordedContacts, contact_copiers
-from mjrun.probe.select import select, split
+from mjrun.probe.select import select, selected_columns, split
 from mjrun.probe.verdict import Verdict
 from mjrun.rendering.visual import visual_of
 from mjrun.scene_graph.graph import CameraLens, Node, SceneGraph, SceneMotion, Track, camera_lens
@@ -179,8 +179,21 @@ class Export(ExportOptions, SceneOutputRequest["ExportResult"]):
                 select(context.model, split(name), context.episode)
         if text := rate_warning(context.timeline, self.rate):
             context.reporter.warn(text)
+        if self.plot:
+            probes = _without_repeats(context, probes)
         table = ProbeSampler(context.model, list(dict.fromkeys(probes)), context.timeline, context.episode)
         return table, None if self.rate is None else context.timeline.rows(rate=self.rate)
+
+
+def _without_repeats(context: output.PassContext, probes: Sequence[str]) -> list[str]:
+    """Returns probes that give the same columns, each once: panels may share columns."""
+    names, seen = list[str](), set[str]()
+    for probe in probes:
+        columns = [column.name for column in selected_columns(context.model, [probe], context.episode)]
+        new = [column for column in columns if column not in seen]
+        names += [probe] if new == columns else new
+        seen.update(new)
+    return names
 
 
 @dataclass(frozen=True, eq=False)

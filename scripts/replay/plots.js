@@ -5,6 +5,7 @@ import { h } from "./dom.js";
 
 const HEIGHT = 92;
 const PAD = 8;
+const LETTER = 11; // height of the letters of labels
 
 export class Plots {
   // `times` are those of the values; the axis spans the times of the player.
@@ -46,7 +47,7 @@ export class Plots {
   drawPanel(context, panel, width, colors, style) {
     const { low, high, ticks } = panel.range;
     const toY = (value) => HEIGHT - PAD - ((value - low) / (high - low)) * (HEIGHT - 2 * PAD);
-    context.font = "11px system-ui, -apple-system, 'Segoe UI', Roboto, sans-serif";
+    context.font = `${LETTER}px system-ui, -apple-system, "Segoe UI", Roboto, sans-serif`;
     context.lineWidth = 1;
     for (const tick of ticks) {
       const y = Math.round(toY(tick)) + 0.5;
@@ -75,16 +76,18 @@ export class Plots {
       context.stroke();
     }
     context.setLineDash([]);
+    context.textBaseline = "top";
+    let below = Infinity; // top of the label below
     for (const tick of ticks) {
       const text = tickText(tick);
-      const isLow = toY(tick) > 14;
-      const y = toY(tick) + (isLow ? -1 : 2);
-      context.textBaseline = isLow ? "bottom" : "top";
+      const top = toY(tick) + (toY(tick) > LETTER + 3 ? -LETTER - 1 : 2);
+      if (top + LETTER > below) continue;
+      below = top;
       context.lineWidth = 3;
       context.strokeStyle = style.raised;
-      context.strokeText(text, 1, y);
+      context.strokeText(text, 1, top);
       context.fillStyle = style.grey;
-      context.fillText(text, 1, y);
+      context.fillText(text, 1, top);
     }
   }
 
@@ -112,23 +115,23 @@ function extent(curves) {
     }
   }
   if (low > high) [low, high] = [0, 1];
-  if (high - low < 1e-9 * Math.max(1, Math.abs(high))) {
+  if (high - low <= 1e-9 * Math.max(Math.abs(low), Math.abs(high))) {
     const margin = Math.abs(high) * 0.1 || 1;
     [low, high] = [low - margin, high + margin];
   }
-  const step = niceStep((high - low) / 2.2);
+  const step = niceStep((high - low) / 2); // at least two ticks, at most six
   const ticks = [];
   for (let tick = Math.ceil(low / step - 1e-9); tick * step <= high + 1e-9 * step; tick++) ticks.push(tick * step);
   return { low, high, ticks };
 }
 
-function niceStep(rough) {
-  const power = 10 ** Math.floor(Math.log10(rough));
-  return [1, 2, 5, 10].find((step) => step * power >= rough) * power;
+function niceStep(most) {
+  const power = 10 ** Math.floor(Math.log10(most));
+  return ([5, 2].find((step) => step * power <= most) ?? 1) * power;
 }
 
 function tickText(value) {
-  return String(Number(value.toPrecision(6))).replace("-", "−");
+  return String(Number(value.toPrecision(6))).replaceAll("-", "−");
 }
 
 // Formats a value; rounding errors beside the range of a panel are 0.

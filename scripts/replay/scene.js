@@ -191,7 +191,8 @@ export class ReplayScene {
     return null;
   }
 
-  // Returns the body below a point of the image, in normalized device coordinates, or null.
+  // Returns the body below a point of the image, in normalized device coordinates; null if there is none, or if an opaque
+  // geom of the world hides it.
   pick(x, y, camera) {
     const caster = new Raycaster();
     caster.setFromCamera(new Vector2(x, y), camera);
@@ -199,8 +200,10 @@ export class ReplayScene {
     const targets = this.root.children.filter((child) => child !== this.collisions);
     for (const hit of caster.intersectObjects(targets)) {
       const each = this.batches.find(({ mesh }) => mesh === hit.object);
-      const body = this.bodyOf(each ? each.nodes[hit.instanceId] : hit.object);
+      const node = each ? each.nodes[hit.instanceId] : hit.object.parent;
+      const body = this.bodyOf(node);
       if (body) return { body, point: hit.point };
+      if (node.userData.kind === "geom" && !hit.object.material.transparent) return null;
     }
     return null;
   }

@@ -23,6 +23,14 @@ from tests.cases import mjcf
 HOSTILE = "<img src=x onerror=hurt=1>"
 # Red shapes that tumble in front of a camera, without floor; a cloth that falls, and a skin that two bodies bend.
 SHAPES = mjcf("shapes")
+# A body behind a wall that is narrower.
+WALL = """<mujoco>
+  <worldbody>
+    <camera name="front" pos="0 -3 0" xyaxes="1 0 0 0 0 1"/>
+    <geom type="box" size=".2 .05 .5"/>
+    <body pos="0 1 0"><joint type="slide" axis="1 0 0"/><geom type="box" size="1.4 .1 .3"/></body>
+  </worldbody>
+</mujoco>"""
 
 
 @pytest.fixture(scope="module")
@@ -109,6 +117,34 @@ def test_curves_have_the_values_of_mujoco_at_the_frames(swing: Path, tmp_path: P
     np.testing.assert_allclose(array(height["values"]), heights, atol=1e-6)
     assert array(found["times"]) == pytest.approx([0.05 * frame for frame in range(10)])
     assert array(found["contacts"]["counts"])[-1] == data.ncon
+
+
+def test_panels_may_share_columns(swing: Path, tmp_path: Path) -> None:
+    page = tmp_path / "a.html"
+    Export(
+        mjrun.Simulation(swing, duration=0.1), str(page), plot=["energy/total", "energy", "qpos,energy/kinetic"]
+    ).run()
+    names = [[curve["name"] for curve in panel["curves"]] for panel in data_of(page)["panels"]]
+    assert names[0] == ["energy/total"]
+    assert {"energy/total", "energy/kinetic"} < set(names[1])
+    assert names[2][-1] == "energy/kinetic"
+
+
+@pytest.mark.slow
+def test_a_wall_hides_what_is_behind_it_from_a_tap(connection: ClientConnection, tmp_path: Path) -> None:
+    model, page = tmp_path / "wall.xml", tmp_path / "wall.html"
+    model.write_text(WALL)
+    Export(mjrun.Simulation(model, duration=0.1), str(page)).run()
+    tab = Tab(connection, (600, 420))
+    tab.open(f"{page.as_uri()}#t=0&camera=front")
+    tab.wait("document.documentElement?.dataset.ready")
+    tab.evaluate("document.querySelector('aside').hidden = true")
+    labels = "document.querySelector('canvas.labels')"
+    is_named = f"{labels}.getContext('2d').getImageData(0, 0, {labels}.width, {labels}.height).data.some(Boolean)"
+    left, top, width, height = tab.box("canvas.view")
+    for x, expected in ((left + 3 / 8 * width, True), (left + width / 2, False)):
+        tab.drag((x, top + height / 2), (x, top + height / 2))
+        assert tab.evaluate(is_named) == expected
 
 
 def test_contacts_and_names_of_bodies_are_switches_of_the_page(swing: Path, tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """The page of a replay, opened in a headless browser: what it shows is computed from the perspective of its camera."""
 
+import dataclasses
 import itertools
 import json
 import math
@@ -182,6 +183,23 @@ def test_page_is_alone_and_hostile_names_stay_text(tab: Tab, page: Path) -> None
         assert tab.evaluate(f"document.querySelector({json.dumps(selector)}).textContent") == HOSTILE
     with pytest.raises(AssertionError):
         tab.evaluate("fetch('data:,')")  # the policy permits no request
+
+
+@pytest.mark.slow
+def test_small_values_have_a_scale_and_controls_end_before_the_slider(
+    connection: ClientConnection, tmp_path: Path
+) -> None:
+    small = [ReplayPanel("", "", [ReplayCurve("a", "", np.array([-3e-12, -2e-12, 0]))])]
+    page = tmp_path / "replay.html"
+    times = {"times": 1000 * TIMES, "curve_times": np.array([0.0, 1000, 2000])}
+    page.write_bytes(replay_page(dataclasses.replace(replay(), panels=small, **times), glb()))
+    tab = Tab(connection, (800, 600))
+    tab.open(f"{page.as_uri()}#t=1000")
+    tab.wait("document.documentElement?.dataset.ready")
+    tab.settle()
+    assert tab.evaluate("document.querySelector('.value').textContent") == "−2.00e−12"
+    left, _, width, _ = tab.box("[aria-label=Speed]")
+    assert left + width < tab.box("[role=slider]")[0]
 
 
 @pytest.mark.slow
