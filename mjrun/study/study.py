@@ -387,7 +387,8 @@ class MetricSummary:
 
     Attributes:
       count: number of these points.
-      mean, std: mean and standard deviation over these points.
+      mean, std: mean and standard deviation over these points; `std` estimates that of the population, with n − 1, and
+        is NaN for one point.
       quantiles: 0, 5, 25, 50, 75, 95 and 100 % of the values, interpolated linearly.
       lowest, highest: points with the extreme values; None if no point has a value.
       lowest_values, highest_values: parameters of these points.
@@ -411,7 +412,7 @@ def _summary(points: Design, numbers: np.ndarray) -> MetricSummary:
     if not len(good):
         return MetricSummary(0, math.nan, math.nan, [math.nan] * len(QUANTILES), None, None)
     lowest, highest = np.flatnonzero(is_finite)[[good.argmin(), good.argmax()]].tolist()
-    mean, std = float(good.mean()), float(good.std())
+    mean, std = float(good.mean()), float(good.std(ddof=1)) if len(good) > 1 else math.nan
     good.sort()
     places = np.array(QUANTILES) * (len(good) - 1)
     around = np.array(sorted({*np.floor(places), *np.ceil(places)})).astype(int)

@@ -182,6 +182,7 @@ def test_each_row_is_the_trace_of_its_point(simulation: Simulation, tmp_path: Pa
         assert row["drift"] == trace["energy/drift"].abs().max()
     lows = rows["low"].tolist()
     assert result.metrics["low"].quantiles[0] == min(lows) == lows[result.metrics["low"].lowest or 0]
+    assert result.metrics["low"].std == pytest.approx(np.std(lows, ddof=1))
 
 
 @pytest.mark.slow
