@@ -74,13 +74,20 @@ def joined(*content: str) -> Markup:
     )
 
 
-def table_element(caption: str, heads: Sequence[str], rows: Sequence[Markup], numeric: Sequence[int] = ()) -> Markup:
-    """Returns a table that scrolls separately if it is too wide."""
+def table_element(
+    caption: str, heads: Sequence[str], rows: Sequence[Markup], numeric: Sequence[int] = (), above: str = ""
+) -> Markup:
+    """Returns a table that scrolls separately if it is too wide.
+
+    Args:
+      above: the heading above it; a caption that repeats it is not visible.
+    """
     cells = [
         element("th", head, scope="col", class_="number" if i in numeric else None) for i, head in enumerate(heads)
     ]
     head = element("thead", element("tr", *cells))
-    table = element("table", element("caption", caption), head, element("tbody", *rows))
+    class_ = "repeated" if caption.lower() == above.lower() else None
+    table = element("table", element("caption", caption, class_=class_), head, element("tbody", *rows))
     return element("div", table, class_="scroll", tabindex="0")
 
 
@@ -367,8 +374,10 @@ def media_html(paths: Iterable[str | Path]) -> str | None:
 
 def html_page(page: Page) -> str:
     """Returns the whole document; the same page gives the same text."""
+    names = [facts.title.lower().replace(" ", "-") for facts in page.facts]
+    unique = [name if names.count(name) == 1 else f"{name}-{number}" for number, name in enumerate(names)]
     sections = [
-        *((facts.title.lower().replace(" ", "-"), facts.title, [facts_table(facts)]) for facts in page.facts),
+        *((name, facts.title, [facts_table(facts)]) for name, facts in zip(unique, page.facts, strict=True)),
         ("findings", "Findings", [element("div", *map(_card, page.cards), class_="cards")] if page.cards else []),
         ("assertions", "Assertions", list(_verdicts(page.verdicts))),
         ("plots", "Plots", [_figure(figure, index) for index, figure in enumerate(page.figures)]),
@@ -450,7 +459,7 @@ def facts_table(facts: PageFactTable) -> Markup:
             element("td", text, class_="number" if i in facts.numeric else None) for i, text in enumerate(others, 1)
         ]
         rows.append(element("tr", *cells))
-    return table_element(facts.caption, facts.heads, rows, facts.numeric)
+    return table_element(facts.caption, facts.heads, rows, facts.numeric, facts.title)
 
 
 def _card(card: PageCard) -> Markup:

@@ -174,6 +174,13 @@ def test_assertions_that_pass_do_not_hide_what_failed() -> None:
     assert badges == ["badge fail", "badge pass"]
 
 
+def test_captions_are_seen_unless_they_repeat_the_heading() -> None:
+    facts = [PageFactTable("Threads", caption, ["a"], [("b",)]) for caption in ("threads", "threads, timestep=.1")]
+    page = read(html_page(Page("t", "m", facts=facts)))
+    assert [attributes.get("class") for tag, attributes in page.tags if tag == "caption"] == ["repeated", None]
+    assert [attributes["id"] for tag, attributes in page.tags if tag == "section"] == ["threads-0", "threads-1"]
+
+
 def test_notes_are_in_the_caption_of_their_figure() -> None:
     figure = html_page(PAGE).split("<figure>")[1]
     assert figure.index("a note") < figure.index("</figcaption>")

@@ -163,7 +163,7 @@ def model_line(result: "BenchResult") -> str:
     """Returns the model and its size."""
     model, row = result.model, result.rows[0]
     name = clean(Path(model.path).name) or "model"
-    facts = [f"{model.nv} dof", f"{model.nu} actuators"]
+    facts = [f"{model.nv} dof", counted(model.nu, "actuator")]
     if len(result.rows) == 1:
         facts += [f"{row.integrator}, timestep {row.timestep:g} s"]
     return f"{name}: {', '.join(facts)}; MuJoCo {result.mujoco}"
@@ -443,10 +443,12 @@ def _page(result: "BenchResult", command: str) -> "Page":
     from mjrun.plotting.html_page import MAKER, FileManifest, Page, PageFactTable
 
     facts = [PageFactTable("Step", "Cost of a step", ("", ""), rows)] if (rows := single_point(result)) else []
-    for title, (heads, *cells) in sections(result):
+    tables = [(" ".join(title.split()), table) for title, table in sections(result)]
+    names = [title.partition(",")[0] for title, _ in tables]
+    for name, (caption, (heads, *cells)) in zip(names, tables, strict=True):
         rows = [[cell.replace("  ", INDENT) for cell in row] for row in cells]
-        name, caption = title.partition(",")[0], " ".join(title.split())
-        facts.append(PageFactTable(name[:1].upper() + name[1:], caption, heads, rows, range(1, len(heads))))
+        title = name if names.count(name) == 1 else caption  # such as the threads of each point of a grid
+        facts.append(PageFactTable(title[:1].upper() + title[1:], caption, heads, rows, range(1, len(heads))))
     comparison, machine = result.comparison, result.machine
     origin = {
         "command": command,

@@ -30,7 +30,7 @@ def test_the_report_is_legible_in_80_columns_and_says_what_was_measured(mjrun_he
     done = mjrun_here("bench", PENDULUM, *QUICK, "--accuracy")
     assert (done.returncode, done.stderr) == (0, b"")
     lines = lines_of(done.stdout)
-    assert lines[0].startswith("pendulum.xml: 1 dof, 1 actuators, ")
+    assert lines[0].startswith("pendulum.xml: 1 dof, 1 actuator, ")
     assert max(map(len, lines)) <= 80
     text = "\n".join(lines)
     for part in (
@@ -47,6 +47,14 @@ def test_the_report_is_legible_in_80_columns_and_says_what_was_measured(mjrun_he
     names = [row[0] for row in table if len(row) == 5 and row[4] == "%" and row[1][0].isdigit()]
     assert names[:5] == ["step", "position", "kinematics", "inertia", "collision"]
     assert mjrun_here.files() == []
+
+
+def test_sections_of_a_page_name_the_point_of_a_grid(mjrun_here: Command) -> None:
+    done = mjrun_here("bench", PENDULUM, *QUICK, "--scan", "timestep=.001,.002", "--html", "a.html")
+    assert done.returncode == 0
+    page = (mjrun_here.folder / "a.html").read_text("utf-8")
+    assert "<h2>Threads, timestep=.001</h2>" in page
+    assert "<h2>Threads, timestep=.002</h2>" in page
 
 
 def test_a_grid_is_one_table_in_80_columns(mjrun_here: Command) -> None:
