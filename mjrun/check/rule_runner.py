@@ -37,9 +37,14 @@ def explain(error: ModelError, source: XmlSource) -> list[Finding]:
 
 
 def ignored_xml(source: XmlSource) -> list[Finding]:
-    """Returns findings about the parts of the XML that MuJoCo silently ignores, for a model that loads."""
-    findings = (replace(finding, severity="warning") for finding in mjcf_schema.violations(source))
-    return _by_place(findings, source.path)
+    """Returns findings about the parts of the XML that MuJoCo silently ignores, for a model that loads.
+
+    Those in models that it attaches are left out if comments there suppress them.
+    """
+    own = mjcf_schema.violations(source, source.root)
+    attached = (finding for root in source.attached for finding in mjcf_schema.violations(source, root))
+    findings = (*own, *check_itself.IgnoreComments(source.attached_comments).remaining(attached))
+    return _by_place((replace(finding, severity="warning") for finding in findings), source.path)
 
 
 def apply(

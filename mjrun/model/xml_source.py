@@ -134,6 +134,7 @@ class XmlSource:
       circular: true if one of these attaches itself again, which crashes MuJoCo.
       errors: an error for each file that is not well-formed.
       comments: the comments of the model and of its includes.
+      attached_comments: those of the models that it attaches.
       texts: the bytes of each file that was read.
     """
 
@@ -144,6 +145,7 @@ class XmlSource:
     circular: bool = False
     errors: list[XmlProblem] = field(default_factory=list)
     comments: list[Comment] = field(default_factory=list)
+    attached_comments: list[Comment] = field(default_factory=list)
     texts: dict[Path, bytes] = field(default_factory=dict)
 
     @property
@@ -220,7 +222,7 @@ def _attach(source: XmlSource) -> None:
         path, above = waiting.pop()
         real = path.resolve()
         source.circular |= real in above
-        own = XmlSource(path, texts=source.texts)
+        own = XmlSource(path, comments=source.attached_comments, texts=source.texts)
         root = _parsed(own, path) if real not in seen and path.suffix in XML else None
         seen.add(real)
         if root:

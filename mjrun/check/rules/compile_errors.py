@@ -198,7 +198,7 @@ def _syntax(error: CompileFailure, match: re.Match[str]) -> Findings:
 
 def _invalid_xml(source: XmlSource) -> Findings:
     """Yields findings for all elements, attributes and keywords in the XML that MuJoCo does not know."""
-    findings = [*mjcf_schema.violations(source), *mjcf_schema.invalid_keywords(source)]
+    findings = [*mjcf_schema.violations(source, source.root), *mjcf_schema.invalid_keywords(source)]
     own = short_path(source.path)
     yield from sorted(findings, key=lambda finding: (finding.file != own, finding.file, finding.line or 0))
 

@@ -306,11 +306,11 @@ def valid_parents() -> dict[str, list[tuple[str, SchemaElement]]]:
     }
 
 
-def violations(source: XmlSource) -> Iterator[Finding]:
-    """Yields everything in the XML that is not in the schema, in the order of the file."""
-    if source.root is None or source.root.tag != "mujoco":
+def violations(source: XmlSource, root: Element | None) -> Iterator[Finding]:
+    """Yields everything below `root`, of the model or of one that it attaches, that is not in the schema, in order."""
+    if root is None or root.tag != "mujoco":
         return
-    stack = [(source.root, schema().children["mujoco"])]
+    stack = [(root, schema().children["mujoco"])]
     while stack:
         element, node = stack.pop()
         yield from _attributes(source, element, node)

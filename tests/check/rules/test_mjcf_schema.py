@@ -8,6 +8,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from mjrun.check.rule import Finding
 from mjrun.check.rules import mjcf_schema
 from mjrun.check.rules.mjcf_schema import (
     FOREIGN_ELEMENTS,
@@ -20,9 +21,8 @@ from mjrun.check.rules.mjcf_schema import (
     SYNONYMS,
     invalid_keywords,
     valid_parents,
-    violations,
 )
-from mjrun.model.xml_source import Element, read_xml
+from mjrun.model.xml_source import Element, XmlSource, read_xml
 from tests.check.models import lint, mjcf, write
 
 NODES = {tag: node for tag, places in mjcf_schema.valid_parents().items() for _, node in places}
@@ -58,6 +58,10 @@ def documents(draw: st.DrawFn, tag: str = "mujoco", depth: int = 3) -> str:
     return f"<{tag} {attributes}>{inner}</{tag}>"
 
 
+def violations(source: XmlSource) -> list[Finding]:
+    return list(mjcf_schema.violations(source, source.root))
+
+
 @given(documents())
 def test_the_schema_is_violated_exactly_where_mujoco_says_so(text: str) -> None:
     path = Path("drawn.xml")
@@ -68,8 +72,24 @@ def test_the_schema_is_violated_exactly_where_mujoco_says_so(text: str) -> None:
     except ValueError as error:
         said = str(error)
     assume("can be specified" not in said and "must be specified" not in said)  # combinations, which no schema lists
-    found = list(mjcf_schema.violations(read_xml(path)))
+    found = violations(read_xml(path))
     assert bool(found) == ("Schema violation" in said), (found, said)
+
+
+@pytest.mark.parametrize(
+    ("comment", "found"),
+    [
+        ("", [("MJ106", "part.xml", 4), ("MJ104", "part.xml", 4)]),
+        ("<!-- mjrun: ignore-file MJ104 -->", [("MJ106", "part.xml", 4)]),
+    ],
+)
+def test_what_mujoco_ignores_in_an_attached_model_is_reported_unless_a_comment_there_suppresses_it(
+    comment: str, found: list[tuple[str, str, int]]
+) -> None:
+    write("part.xml", mjcf(f'{comment}<body name="b"><frame sze="1"/><geom size="1"/>red</body>'))
+    attach = '<attach model="part" body="b" prefix="p_"/>'
+    findings = lint(mjcf(attach, before='<asset><model name="part" file="part.xml"/></asset>'))
+    assert [(each.code, each.file, each.line) for each in findings] == found
 
 
 def test_removed_elements_are_in_no_schema() -> None:
