@@ -2566,6 +2566,7 @@ def frames(
 def sweep(
     model: ModelLike | Task | _Simulation,
     *,
+    controllers: Mapping[str, Callable[..., object]] = ...,
     key: str | int | None = ...,
     qpos: Mapping[str, float | Sequence[float]] = ...,
     qvel: Mapping[str, float | Sequence[float]] = ...,
@@ -2639,6 +2640,7 @@ def sweep(
 
     Args:
       model: a model as in `mjrun.Simulation`, or a simulation.
+      controllers: functions by the values of `controller`, where the controller varies.
       options: the options of `mjrun.Simulation` and `mjrun.Study`. Without `output`, the files of the study exist as
         long as the result; with it, `mjrun sweep FOLDER` continues the study, unless it has code or a model in memory.
 

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 R = TypeVar("R")
 Simulated = ModelLike | Task | Simulation
+NO_CONTROLLERS: Mapping[str, Callable[..., object]] = {}
 
 
 def trace(model: Simulated, **options: object) -> Table:
@@ -72,11 +73,14 @@ def frames(model: Simulated, **options: object) -> Generator[np.ndarray]:
     return video_frames(VideoInMemory(_simulation("frames", model, described), "frames.mkv", **chosen))
 
 
-def sweep(model: Simulated, **options: object) -> "StudyResult":
+def sweep(
+    model: Simulated, *, controllers: Mapping[str, Callable[..., object]] = NO_CONTROLLERS, **options: object
+) -> "StudyResult":
     """Simulates a model with varied parameters, as `mjrun sweep` does; `result.table` has a row for each point.
 
     Args:
       model: a model as in `mjrun.Simulation`, or a simulation.
+      controllers: functions by the values of `controller`, where the controller varies.
       options: the options of `mjrun.Simulation` and `mjrun.Study`. Without `output`, the files of the study exist as
         long as the result; with it, `mjrun sweep FOLDER` continues the study, unless it has code or a model in memory.
 
@@ -89,6 +93,7 @@ def sweep(model: Simulated, **options: object) -> "StudyResult":
 
     described, chosen = options_for("sweep", options, Simulation, Study)
     simulation = _simulation("sweep", model, described)
+    chosen["controllers"] = controllers
     return _in_folder(chosen, lambda folder: with_document(Study(simulation, folder, **chosen)).run())
 
 

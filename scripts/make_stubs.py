@@ -47,6 +47,7 @@ ARGUMENTS = {
     "model": "ModelLike | Task | _Simulation",
     "task": "ModelSource | str",
     "data": "str | PathLike[str] | Sequence[str | PathLike[str]]",
+    "controllers": "Mapping[str, Callable[..., object]]",
 }
 RETURNED = {f"collections.abc.{kind}[numpy.ndarray]": f"{kind}[np.ndarray]" for kind in ("Generator", "Iterator")}
 INTERNAL = {"rows_to"}  # fields of jobs that are no options and not for users
@@ -122,8 +123,10 @@ def documentation(value: object) -> str:
 def function_stub(name: str) -> str:
     """Returns a function of `mjrun.in_memory`, with the options that it takes as keywords."""
     function = getattr(mjrun, name)
-    options = [f"{option.attribute}: {accepted_by(option)} = ..." for option in options_of_name(name)]
-    first = [f"{each}: {ARGUMENTS[each]}" for each in inspect.signature(function).parameters if each != "options"]
+    own = [each for each in inspect.signature(function).parameters.values() if each.name != "options"]
+    first = [f"{each.name}: {ARGUMENTS[each.name]}" for each in own if each.kind != each.KEYWORD_ONLY]
+    options = [f"{each.name}: {ARGUMENTS[each.name]} = ..." for each in own if each.kind == each.KEYWORD_ONLY]
+    options += [f"{option.attribute}: {accepted_by(option)} = ..." for option in options_of_name(name)]
     parameters = ", ".join([*first, "*", *options])
     made = str(inspect.signature(function).return_annotation).strip("'")
     returned = RETURNED.get(made, made.rpartition(".")[2].strip("'>"))

@@ -217,6 +217,23 @@ def test_copies_of_a_study_in_memory_hold_its_files_and_a_pickle_says_that_it_ha
         _ = unpickled.table
 
 
+def test_controllers_vary_in_memory(swing: Path) -> None:
+    def push(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        data.qfrc_applied[0] = 1
+
+    result = mjrun.sweep(
+        swing,
+        vary={"controller": "none,push"},
+        controllers={"none": lambda model, data: None, "push": push},
+        metric={"far": "max(abs(qpos/hinge))"},
+        duration=0.1,
+        jobs=1,
+    )
+    pushed = mjrun.trace(swing, controller=push, duration=0.1, probe="qpos")
+    free = mjrun.trace(swing, duration=0.1, probe="qpos")
+    assert result.table["far"].tolist() == [np.abs(each["qpos/hinge"]).max() for each in (free, pushed)]
+
+
 def test_a_study_in_memory_that_fails_leaves_nothing_or_has_its_files_as_long_as_its_result(
     swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

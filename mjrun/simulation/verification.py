@@ -106,7 +106,7 @@ def verify(simulation: Simulation, reporter: Reporter | None = None) -> Verifica
       FailedStepError: MuJoCo could not complete a step.
     """
     reporter = reporter or PythonApiReporter()
-    require_whole(simulation, "a verification")
+    require_whole(simulation, f"a verification, {option('verify')}")
     if simulation.replay is None:
         raise UsageError(f"{option('verify')} requires a recording: name it with {option('replay')}")
     if not is_recording(Path(simulation.replay)):

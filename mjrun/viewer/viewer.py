@@ -277,7 +277,7 @@ class Viewer(ViewerOptions):
         require_simulation(self.simulation)
         require_whole(self.simulation, "a view, which the user ends")
         if self.port is not None and self.browser is False:
-            raise UsageError(f"{option('port')} requires a browser, but this view opens a window")
+            raise UsageError(f"{option('port')} requires {option('browser')}, but this view opens a window")
 
     def run(self, reporter: Reporter | None = None) -> "ViewerResult":
         """Shows the simulation until it ends; the recording is published in any case.

@@ -160,7 +160,7 @@ def test_without_a_recording_of_this_model_there_is_nothing_to_verify(
 ) -> None:
     with pytest.raises(UsageError, match="verify requires a recording: name it with replay"):
         verify(Simulation(model))
-    with pytest.raises(UsageError, match="until does not apply to a verification"):
+    with pytest.raises(UsageError, match="until does not apply to a verification, verify"):
         verify(Simulation(model, replay=recording, until="time > 0"))
     (tmp_path / "table.csv").write_text("time,qpos/hinge\n0,1\n")
     with pytest.raises(

@@ -200,6 +200,11 @@ def test_a_process_that_has_saved_its_recording_is_not_killed_before_it_says_so(
     assert not memory.completing
 
 
+def test_a_port_without_a_browser_is_refused_by_both_names(swing: Path) -> None:
+    with pytest.raises(UsageError, match=r"^port requires browser, but this view opens a window"):
+        Viewer(Simulation(str(swing)), port=8090, browser=False)
+
+
 def test_where_nothing_can_be_shown_both_reasons_are_given(monkeypatch: pytest.MonkeyPatch, swing: Path) -> None:
     monkeypatch.setattr(windows, "native_obstacle", lambda: "no display")
     monkeypatch.setattr(windows, "browser_obstacle", lambda: "no Studio")
