@@ -119,7 +119,7 @@ class Reply(NamedTuple):
     is_last: bool = True
 
 
-class ItemServer:
+class StreamingServer:
     """A server whose methods can send items of their reply at any time.
 
     Attributes:
@@ -333,7 +333,7 @@ def _serve(server: str, encoding: Encoding, parent: Connection, lifeline: int, d
     module, _, name = server.partition(":")
     methods = getattr(import_module(module), name)(*descriptors)
     send = partial(_send, parent, encoding)
-    if isinstance(methods, ItemServer):
+    if isinstance(methods, StreamingServer):
         methods.send_item = lambda item: send((item, None, (), False))
     gc.freeze()
     gc.set_threshold(GARBAGE)

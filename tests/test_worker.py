@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from mjrun.errors import DrawError, InvalidActionError, MjrunError, NoRendererError, UnknownNameError, UnstableError
-from mjrun.worker import ItemServer, PicklableException, Request, Worker, WorkerEndedError
+from mjrun.worker import PicklableException, Request, StreamingServer, Worker, WorkerEndedError
 from tests.prepared_interpreters import COMMAND, MODULES
 from tests.processes import PATIENCE, wait_until
 
@@ -73,7 +73,7 @@ class Server:
         os.abort()
 
 
-class HostileServer(ItemServer):
+class HostileServer(StreamingServer):
     """A server whose process a model has taken over."""
 
     def send(self, item: object) -> str:

@@ -29,7 +29,7 @@ from mjrun.outputs.video import Video
 from mjrun.platform.cores import available_cores
 from mjrun.rendering.backend import WorkingBackend
 from mjrun.rendering.classic import ClassicRenderer, SingleSampleFramebuffer
-from mjrun.rendering.compositor import FrameSpec, SceneCompositor, TextAndLivePlots
+from mjrun.rendering.compositor import FrameLayout, SceneCompositor, TextAndLivePlots
 from mjrun.rendering.filament import FilamentRenderer
 from mjrun.reporter import PythonApiReporter
 from mjrun.simulation.simulation import Simulation
@@ -335,7 +335,7 @@ def _sample_between_frames(workload: ReferenceWorkloadTimer, costs: Sequence[Map
         workload.time()
 
 
-def _encoded(path: str, spec: FrameSpec, frames: Sequence[np.ndarray], view: str, clock: Clock) -> float:
+def _encoded(path: str, spec: FrameLayout, frames: Sequence[np.ndarray], view: str, clock: Clock) -> float:
     """Times the encoding of a video, without starting the encoder, per frame [s]."""
     coded = encoding(path, None, None, None, None, "ids" if view == "seg" else "video")
     first, *rest = frames
@@ -359,7 +359,7 @@ class _SilentReporter(PythonApiReporter):
 
 
 @dataclass(frozen=True)
-class OutputTiming:
+class EndToEndTiming:
     """Wall time of a whole output, including loading the model but not the start of Python.
 
     Attributes:
@@ -379,7 +379,7 @@ class OutputTiming:
     rest: float | None = None
 
 
-def timed_trace(simulation: Simulation, clock: Clock) -> OutputTiming:
+def timed_trace(simulation: Simulation, clock: Clock) -> EndToEndTiming:
     """Times a trace of every step, with the default columns, as CSV.
 
     Raises:
@@ -390,10 +390,10 @@ def timed_trace(simulation: Simulation, clock: Clock) -> OutputTiming:
         before = clock()
         result = trace.run(_SilentReporter())
         seconds = clock() - before
-    return OutputTiming("trace", result.simulated, result.rows, "rows", seconds)
+    return EndToEndTiming("trace", result.simulated, result.rows, "rows", seconds)
 
 
-def timed_video(simulation: Simulation, drawing: ViewOptions, clock: Clock) -> OutputTiming:
+def timed_video(simulation: Simulation, drawing: ViewOptions, clock: Clock) -> EndToEndTiming:
     """Times a video with the options of `drawing`.
 
     Raises:
@@ -414,4 +414,4 @@ def timed_video(simulation: Simulation, drawing: ViewOptions, clock: Clock) -> O
         result = video.run(_SilentReporter())
         seconds = clock() - before
     rest = result.wall - result.simulation_wall
-    return OutputTiming("video", result.simulated, result.frames, "frames", seconds, result.simulation_wall, rest)
+    return EndToEndTiming("video", result.simulated, result.frames, "frames", seconds, result.simulation_wall, rest)

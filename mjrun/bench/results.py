@@ -30,7 +30,7 @@ from typing import Any
 import mujoco
 
 from mjrun.bench.block_timing import ReferenceWorkloadInfo, StepPhase
-from mjrun.bench.output_timing import FrameTiming, LoadTiming, OutputTiming
+from mjrun.bench.output_timing import EndToEndTiming, FrameTiming, LoadTiming
 from mjrun.bench.statistics import CONFIDENCE, SampleStatistics, median, ratio_interval
 from mjrun.bench.step_timing import WARP, C, ThreadTiming, WarpSettings
 from mjrun.dataclass import dataclass
@@ -603,7 +603,7 @@ class BenchResult:
     load: LoadTiming | None
     rows: Sequence[GridPointResult] = ()
     frames: Sequence[FrameTiming] = ()
-    whole: Sequence[OutputTiming] = ()
+    whole: Sequence[EndToEndTiming] = ()
     comparison: BaselineComparison | None = None
     notes: Sequence[str] = ()
     wall: float = 0.0

@@ -27,14 +27,14 @@ from mjrun.model.mujoco_globals import collected_warnings, keep_assets, without_
 from mjrun.model.source import checked_arrays
 from mjrun.model.xml_source import XmlSource, read_xml
 from mjrun.platform import system
-from mjrun.worker import ItemServer
+from mjrun.worker import StreamingServer
 
 ARENAS = 20  # the number of MjData that a check makes; their arenas are hardly ever filled
 KEPT_MEMORY = 0.25  # part of the maximum memory per model that a process may hold when it begins the next one
 GRACE = 10  # [s] after which the process ends itself if its parent has not
 
 
-class CheckServer(ItemServer):
+class CheckServer(StreamingServer):
     """A server that checks models or tasks, until one crashes or affects what follows.
 
     Where the system can fork, forks of the process check them: starting one takes milliseconds. The process ends as its

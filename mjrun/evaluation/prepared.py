@@ -19,7 +19,7 @@ import mujoco
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, option
+from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, listing, option
 from mjrun.evaluation.episode import (
     OUTCOMES,
     EpisodeGroupSpec,
@@ -41,7 +41,7 @@ from mjrun.options.option import is_given, options_of
 from mjrun.options.policy import BUILT_IN
 from mjrun.options.schema_validation import InvalidValueError
 from mjrun.options.simulation import NOISE_REQUIREMENT, DisturbanceOptions, Disturbances
-from mjrun.options.sweep import PARTS, ExecutionOptions
+from mjrun.options.sweep import PARTS, SAMPLER_DESCRIPTIONS, ExecutionOptions
 from mjrun.options.task import TaskOptions
 from mjrun.packages import require_all
 from mjrun.python_code import CODE_REMEDY, PickledWithCode, edit_remarks, memory_warning, module_sources
@@ -242,8 +242,11 @@ def points_of(options: EvaluationOptions, task: ModelSource) -> Design:
     if options.repeats != 1:
         raise UsageError(f"{option('repeats')}: use {option('episodes')} to repeat each point")
     if options.sampler in SAMPLES:
-        sampler = f"{option('sampler')} {options.sampler}"
-        raise UsageError(f"{sampler} is for studies, which compute sensitivities; use sobol, halton or random")
+        sampler, others = (
+            f"{option('sampler')} {options.sampler}",
+            [n for n in SAMPLER_DESCRIPTIONS if n not in SAMPLES],
+        )
+        raise UsageError(f"{sampler} is for studies, which compute sensitivities\nsamplers: {listing(others)}")
     if not any((options.vary, options.points, options.correlate, options.when, options.where)):
         return Design((), [()])
     if any(path == SEED for path, _ in options.vary):

@@ -62,7 +62,7 @@ DRAWN = 2**16  # samples whose values are computed at once
 DIGITS = 50  # far more than a float has, so that 1e-4..1e-1:4 contains 0.001
 
 
-class NumberTexts(Sequence[str]):
+class LazyNumberTexts(Sequence[str]):
     """Numbers as texts, which are made on demand: `0.3`, and `2.0` or `2`.
 
     Args:
@@ -98,9 +98,9 @@ class NumberTexts(Sequence[str]):
             texts = [str(int(number)) if number.is_integer() else repr(number) for number in numbers]
         return [ABSENT if text == "nan" else text for text in texts]
 
-    def only(self, places: np.ndarray) -> "NumberTexts":
+    def only(self, places: np.ndarray) -> "LazyNumberTexts":
         """Returns the numbers at these places."""
-        return NumberTexts(self.numbers[places], has_integers=self.has_integers)
+        return LazyNumberTexts(self.numbers[places], has_integers=self.has_integers)
 
     @property
     def content(self) -> bytes:
@@ -123,7 +123,7 @@ class DesignColumn:
     @classmethod
     def of(cls, texts: Sequence[str], places: np.ndarray) -> "DesignColumn":
         """Returns the column with these places in `texts`, of which several may be equal."""
-        if isinstance(texts, NumberTexts):
+        if isinstance(texts, LazyNumberTexts):
             bits = texts.numbers.view(np.int64)
             if (np.diff(np.sort(bits)) != 0).all():
                 return cls(texts, places)
@@ -140,12 +140,12 @@ class DesignColumn:
         used = self._used
         if len(used) == len(self.texts):
             return self.texts
-        return self.texts.only(used) if isinstance(self.texts, NumberTexts) else texts_at(self.texts, used)
+        return self.texts.only(used) if isinstance(self.texts, LazyNumberTexts) else texts_at(self.texts, used)
 
     @property
     def numbers(self) -> np.ndarray | None:
         """The value of each point `(n,)`; None if they are not numbers."""
-        if isinstance(self.texts, NumberTexts):
+        if isinstance(self.texts, LazyNumberTexts):
             return self.texts.numbers[self.places]
         used = self._used
         values = numbers(texts_at(self.texts, used))
@@ -231,7 +231,7 @@ class GridPoints(Sequence[Values]):
         """A hash of all values and their order."""
         made = hashlib.sha256(json.dumps([self._whole, [repeat for _, repeat in self.columns]]).encode())
         for texts, _ in self.columns:
-            made.update(texts.content if isinstance(texts, NumberTexts) else json.dumps([*texts]).encode())
+            made.update(texts.content if isinstance(texts, LazyNumberTexts) else json.dumps([*texts]).encode())
         made.update(b"" if self._chosen is None else self._chosen.tobytes())
         return made.digest()
 
@@ -287,7 +287,7 @@ def numbers(texts: Sequence[str]) -> np.ndarray | None:
     Those with a unit, `10deg`, are converted to SI units, as a simulation does. Texts remain those that a float would
     round to another whole number, such as seeds of 64 bits.
     """
-    if isinstance(texts, NumberTexts):
+    if isinstance(texts, LazyNumberTexts):
         return texts.numbers
     try:
         values = np.fromiter((_number(text) if text else math.nan for text in texts), float, len(texts))
@@ -316,7 +316,7 @@ def _without_unit(text: str) -> tuple[str, str]:
 
 def texts_at(texts: Sequence[str], places: np.ndarray) -> list[str]:
     """Returns the texts at these places."""
-    if isinstance(texts, NumberTexts):
+    if isinstance(texts, LazyNumberTexts):
         return texts.at(places)
     return [texts[int(place)] for place in places]
 
@@ -432,18 +432,20 @@ def chosen(whole: Design, conditions: Sequence[str]) -> Design:
 def _present_where(column: DesignColumn, exists: np.ndarray) -> DesignColumn:
     """Returns a parameter that is absent at the other points."""
     texts = column.texts
-    if isinstance(texts, NumberTexts):
-        texts = NumberTexts(np.append(texts.numbers, np.nan), has_integers=texts.has_integers)
+    if isinstance(texts, LazyNumberTexts):
+        texts = LazyNumberTexts(np.append(texts.numbers, np.nan), has_integers=texts.has_integers)
     else:
         texts = [*texts, ABSENT]
     return DesignColumn(texts, np.where(exists, column.places, len(column.texts)))
 
 
 def _of_columns(names: Sequence[str], columns: Sequence[DesignColumn]) -> Design:
-    values = [
-        (each.texts.only(each.places) if isinstance(each.texts, NumberTexts) else texts_at(each.texts, each.places), 1)
-        for each in columns
-    ]
+    def texts(column: DesignColumn) -> Sequence[str]:
+        if isinstance(column.texts, LazyNumberTexts):
+            return column.texts.only(column.places)
+        return texts_at(column.texts, column.places)
+
+    values = [(texts(each), 1) for each in columns]
     return Design(tuple(names), GridPoints(values, len(columns[0].places)))
 
 
@@ -566,14 +568,14 @@ def _drawn(distribution: Distribution, fractions: np.ndarray) -> Sequence[str]:
     values = np.empty(len(fractions))
     for start in range(0, len(values), DRAWN):  # quantile functions need several times the memory of their values
         values[start : start + DRAWN] = distribution.quantiles(fractions[start : start + DRAWN])
-    return NumberTexts(values, has_integers=distribution.name == "integers")
+    return LazyNumberTexts(values, has_integers=distribution.name == "integers")
 
 
 def _seeds(first: int, count: int) -> Sequence[str]:
     """Returns consecutive seeds, as texts where a float would round one."""
     if first + count > EXACT:
         return [str(seed) for seed in range(first, first + count)]
-    return NumberTexts(np.arange(first, first + count, dtype=float), has_integers=True)
+    return LazyNumberTexts(np.arange(first, first + count, dtype=float), has_integers=True)
 
 
 def _product(parts: Sequence[Design]) -> Design:
@@ -695,7 +697,7 @@ def _spaced_numbers(low: str, high: str, span: re.Match[str], place: str) -> Seq
         unit = lcm(first.denominator, step.denominator)
         if max(abs(first * unit), abs(last * unit), unit) < EXACT:  # their ratios are rounded correctly
             multiples = int(first * unit) + int(step * unit) * np.arange(count)
-            return NumberTexts(multiples / unit, has_integers=True)
+            return LazyNumberTexts(multiples / unit, has_integers=True)
         return [_decimal(first + step * k) for k in range(count)]
     if first <= 0 or last <= 0:
         raise UsageError(f"{place}: values in equal ratios require positive bounds")

@@ -282,8 +282,8 @@ class RemoteFolder:
         with file_errors(self.path(name), "removed"), suppress(FileNotFoundError):
             self._call(lambda: self._store.rm_file(self._place(name)))
 
-    def destination(self, name: str) -> "UploadedFile":
-        return UploadedFile(self, name)
+    def destination(self, name: str) -> "StagedUpload":
+        return StagedUpload(self, name)
 
     def upload(self, file: str, name: str) -> None:
         """Writes the content of a local file as a file of the folder."""
@@ -312,7 +312,7 @@ class RemoteFolder:
         raise AssertionError
 
 
-class UploadedFile(Destination):
+class StagedUpload(Destination):
     """A file that is written on this machine, and uploaded when it is complete."""
 
     def __init__(self, folder: RemoteFolder, name: str) -> None:

@@ -24,7 +24,7 @@ from mjrun.file_version import content_version
 from mjrun.formats.input_file import require_file
 from mjrun.formats.local_and_remote_folders import open_url
 from mjrun.formats.table_read_stream import AcceptedCells, ColumnFilter
-from mjrun.formats.tables import FORMATS, TableFormat, input_format, suffixes
+from mjrun.formats.tables import TableFormat, input_format, piped_format, suffixes
 from mjrun.model.table_column import with_unit
 from mjrun.packages import require
 from mjrun.suffixes import is_url
@@ -273,8 +273,7 @@ def open_table(
     cells = AcceptedCells.ANY if exact else AcceptedCells.GAPS if missing == "nan" else AcceptedCells.NUMBERS
     if str(path) == STDIN:
         file = _standard_input()
-        begin = file.peek(1).removeprefix(b"\xef\xbb\xbf").lstrip()  # consumes nothing; JSON begins with a bracket
-        form = FORMATS["jsonl" if begin.startswith((b"{", b"[")) else "csv"]
+        form = piped_format(file.peek(1))  # which consumes nothing
         return OpenTable(STDIN_LABEL, form, file, columns, cells)
 
     shown = Path(path)

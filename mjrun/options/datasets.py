@@ -40,7 +40,6 @@ EXTRAS: dict[str, tuple[tuple[str, ...], str]] = {
 EPISODE_FORMATS = ("lerobot", "minari")
 CODECS = ("h264", "h265", "av1")
 KEYFRAMES = 2  # frames from one keyframe to the next: readers need frames in any order
-UNUSED = ("trail", "trail_span", "ghost")  # additions to a scene that no policy sees
 
 
 class NamedSharesKind(Kind["str | tuple[tuple[str, Fraction], ...]", tuple[tuple[str, Fraction], ...]]):

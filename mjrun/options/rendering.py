@@ -15,7 +15,16 @@ from mjrun.options.kinds import (
     optional,
 )
 from mjrun.options.number_kinds import ExactNumberKind, GroupsKind, RangeKind, SizeKind
-from mjrun.options.option import FrontEnd, OptionExclusion, OptionRequirement, Options, option, options
+from mjrun.options.option import (
+    FrontEnd,
+    OptionExclusion,
+    OptionRequirement,
+    Options,
+    is_given,
+    option,
+    options,
+    options_of,
+)
 from mjrun.suffixes import MODELS
 
 VIEWS = ("rgb", "depth", "seg")
@@ -90,15 +99,12 @@ class RendererOptions(BackendOptions):
 
 
 @options
-class SceneOptions(RendererOptions):
-    """Cameras, visible objects, and additions to the scene."""
+class VisibleSceneOptions(RendererOptions):
+    """Cameras and visible objects."""
 
     section: ClassVar[str] = "View"
     exclusions: ClassVar[tuple[OptionExclusion, ...]] = (
         OptionExclusion(("geoms", "geomgroup"), "both choose the geoms to show"),
-    )
-    requirements: ClassVar[tuple[OptionRequirement, ...]] = (
-        OptionRequirement("trail_span", "trail", "whose length it limits"),
     )
 
     size: tuple[int, int] = option(
@@ -158,6 +164,17 @@ class SceneOptions(RendererOptions):
         default="none",
         help="Objects whose names are shown: body, joint, geom, site, camera, tendon, actuator, …",
     )
+
+
+@options
+class SceneOptions(VisibleSceneOptions):
+    """Cameras, visible objects, and decorations: additions to the scene, which only images of colour show."""
+
+    section: ClassVar[str] = "View"
+    requirements: ClassVar[tuple[OptionRequirement, ...]] = (
+        OptionRequirement("trail_span", "trail", "whose length it limits"),
+    )
+
     trail: tuple[str, ...] = option(
         converter=OneOrMoreKind(TextKind("OBJECT,…")),
         default=(),
@@ -176,6 +193,13 @@ class SceneOptions(RendererOptions):
         "a keyframe, key=NAME; the motion of a recording, recording=FILE; or that of a table of positions, trace=FILE, "
         "with map=FILE or --map.",
     )
+
+
+def decoration_options(options: SceneOptions) -> list[str]:
+    """Returns the attributes of the decorations that `options` request."""
+    undecorated = {each.name for each in options_of(VisibleSceneOptions)}
+    added = (each.name for each in options_of(SceneOptions) if each.name not in undecorated)
+    return [name for name in added if is_given(options, name)]
 
 
 @options

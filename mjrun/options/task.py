@@ -107,7 +107,7 @@ class VectorOrKeyframeKind(Kind["float | str | Sequence[float]", "Numbers | str"
         return value if isinstance(value, str) else NumberVectorKind().plain(value)
 
 
-class ScheduleKind(Kind[Sequence[Sequence[object]], "tuple[tuple[Fraction, Numbers], ...]"]):
+class TimedValuesKind(Kind[Sequence[Sequence[object]], "tuple[tuple[Fraction, Numbers], ...]"]):
     """Values that change at given times [s], the first at 0: `[[0, [1, 0]], [2, [0, 1]]]`."""
 
     metavar = "[[TIME, VALUES], …]"
@@ -332,7 +332,7 @@ class CommandTermOptions(Options):
         converter=ChoiceKind(INTERPOLATIONS), default="hold", help="Interpolation between the rows of the table."
     )
     schedule: "tuple[tuple[Fraction, Numbers], ...] | None" = option(
-        converter=optional(ScheduleKind()),
+        converter=optional(TimedValuesKind()),
         default=None,
         help="Values that change at given times [s]: [[0, [1, 0]], [2, [0, 1]]].",
     )

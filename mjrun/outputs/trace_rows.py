@@ -14,7 +14,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import SimulationError, option
 from mjrun.model.table_column import Column
 from mjrun.physics.control import NEVER
-from mjrun.physics.engine import BLOCK_STEPS, BatchRecorder, RolloutBlock, recorded_fields
+from mjrun.physics.engine import BLOCK_STEPS, BatchStepper, RolloutBlock, recorded_fields
 from mjrun.physics.stepper import SHORT, SLEEP, PhysicsStepper, Stepper
 from mjrun.probe.contacts import (
     ContactProbe,
@@ -438,7 +438,7 @@ class _InstantRecorder:
     def _add_recorded(self, rows: _InstantRows, count: int) -> bool:
         """Adds steps that are taken in C; returns False if one of them fails."""
         stepper, at = self._stepper, self._stepper.step
-        self._batch = self._batch or BatchRecorder([stepper.model], self._record, BLOCK_STEPS)
+        self._batch = self._batch or BatchStepper([stepper.model], self._record, BLOCK_STEPS)
         controls = stepper.control.rows(at, count)[None] if stepper.control.varies else None
         rows.store()
         after = self._batch.extend(rows.all, rows.count, stepper.state(), count, controls)

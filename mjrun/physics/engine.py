@@ -197,7 +197,7 @@ class StepRecords:
     completed: np.ndarray
 
 
-class BatchRecorder:
+class BatchStepper:
     """A batch of n simulations that steps in C, and records every instant.
 
     Args:
@@ -376,7 +376,7 @@ class _Run:
         self.running = np.ones(len(starts), bool) if running is None else running
         self._failures: dict[int, SimulationError] = {}  # since the last block
         self._initial: Fields = {}
-        self._batch: BatchRecorder | None = None
+        self._batch: BatchStepper | None = None
         # States do not include which bodies sleep: these simulations stay in an MjData each, outside the batch.
         sleepy = [index for index, model in enumerate(self.models) if model.opt.enableflags & SLEEP]
         self._awake = with_flags(self.models, leave_out=SLEEP) if sleepy else self.models
@@ -420,9 +420,9 @@ class _Run:
                 _put(fields, index, 0, stepper.instant())
         return self._block(np.array([step]), fields, self.running.astype(int))
 
-    def _recording(self, size: int) -> BatchRecorder:
+    def _recording(self, size: int) -> BatchStepper:
         """Returns the batch, which takes at most `size` steps per call if it does not exist yet."""
-        self._batch = self._batch or BatchRecorder(self._awake, self._record, size, self._threads, self._arrays)
+        self._batch = self._batch or BatchStepper(self._awake, self._record, size, self._threads, self._arrays)
         return self._batch
 
     def _ids(self) -> np.ndarray:

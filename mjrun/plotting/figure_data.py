@@ -291,7 +291,7 @@ def _without_repetition(points: CurvePoints) -> CurvePoints:
 
 
 @dataclass(frozen=True)
-class ParameterAxis:
+class AxisScale:
     """An axis for one parameter or metric.
 
     Attributes:
@@ -316,25 +316,25 @@ class ParameterAxis:
 
 def scale(
     name: str, values: np.ndarray, *, log: bool = False, categories: Sequence[str] = (), edge: float
-) -> ParameterAxis:
+) -> AxisScale:
     """Returns the axis with a margin for all finite `values`.
 
     Equal values are centred, except that all 0 and all 1, which shares often are, have an axis from 0 to 1.
     """
     if categories:
-        return ParameterAxis(name, -0.5, len(categories) - 0.5, categories=categories)
+        return AxisScale(name, -0.5, len(categories) - 0.5, categories=categories)
     finite = values[np.isfinite(values) & ((values > 0) | (not log))]
     if not len(finite):
-        return ParameterAxis(name, *((0.1, 10.0, True) if log else (-1.0, 1.0, False)))
+        return AxisScale(name, *((0.1, 10.0, True) if log else (-1.0, 1.0, False)))
     low, high, whole = float(finite.min()), float(finite.max()), are_whole(finite)
     if log:
-        return ParameterAxis(name, *_log_ends(low, high, edge), True, whole=whole)
+        return AxisScale(name, *_log_ends(low, high, edge), True, whole=whole)
     largest = max(abs(low), abs(high))
     is_constant = high - low <= FLAT * largest
     if is_constant and low in (0, 1):
         low, high, is_constant = 0.0, 1.0, False
     pad = 0.1 * largest if is_constant else edge * (high - low)
-    return ParameterAxis(name, low - pad, high + pad, whole=whole)
+    return AxisScale(name, low - pad, high + pad, whole=whole)
 
 
 def _log_ends(low: float, high: float, edge: float) -> Range:
@@ -400,10 +400,10 @@ class DrawnPanel:
         return [curve.name for curve in self.curves if curve.turn[1] > 1]
 
     @property
-    def y(self) -> ParameterAxis:
+    def y(self) -> AxisScale:
         """The y axis, with a margin for curves and marks."""
         if self.limits:
-            return ParameterAxis(self.label, *self.limits, self.log)
+            return AxisScale(self.label, *self.limits, self.log)
         values = [end for curve in self.curves for end in _ends(curve.points.y)]
         values += [mark.value for mark in self.marks]
         axis = scale(self.label, np.array(values), log=self.log, edge=MARGIN)
@@ -430,19 +430,19 @@ class DrawnFigure:
     legend_title: str = ""
 
     @property
-    def x(self) -> ParameterAxis:
+    def x(self) -> AxisScale:
         """The x axis of all curves, with the margin."""
         if self.x_limits:
-            return ParameterAxis(self.x_label, *self.x_limits, self.log_x)
+            return AxisScale(self.x_label, *self.x_limits, self.log_x)
         values = [curve.points.x for panel in self.panels for curve in panel.curves]
         ends = [end for each in values for end in _ends(each)]
         if not ends:
-            return ParameterAxis(self.x_label, *((0.1, 1.0) if self.log_x else (0.0, 1.0)), self.log_x)
+            return AxisScale(self.x_label, *((0.1, 1.0) if self.log_x else (0.0, 1.0)), self.log_x)
         low, high, whole = min(ends), max(ends), all(map(are_whole, values))
         if self.log_x:
-            return ParameterAxis(self.x_label, *_log_ends(low, high, self.x_margin), True, whole=whole)
+            return AxisScale(self.x_label, *_log_ends(low, high, self.x_margin), True, whole=whole)
         pad = self.x_margin * (high - low) if high - low > 1e-15 * max(abs(low), abs(high)) else 0.5
-        return ParameterAxis(self.x_label, low - pad, high + pad, whole=whole)
+        return AxisScale(self.x_label, low - pad, high + pad, whole=whole)
 
 
 def _ends(values: np.ndarray) -> list[float]:

@@ -17,7 +17,7 @@ from matplotlib.transforms import Affine2DBase, ScaledTranslation, blended_trans
 
 from mjrun.dataclass import dataclass
 from mjrun.plotting.curve_syntax import ReferenceLine
-from mjrun.plotting.figure_data import DPI, POINT, DrawnFigure, DrawnPanel, PanelGrid, ParameterAxis
+from mjrun.plotting.figure_data import DPI, POINT, AxisScale, DrawnFigure, DrawnPanel, PanelGrid
 from mjrun.plotting.matplotlib_layout import MatplotlibFigure, curve_line, dot_size, rgb, set_scales
 
 LEGEND, WIDE_LEGEND = 0.36, 0.5  # maximum share of a panel's width for its legend; the latter if all names then fit
@@ -254,7 +254,7 @@ def _named(lines: Sequence[ReferenceLine]) -> list[ReferenceLine]:
     return [line for line in named.values() if line.label]
 
 
-def _share(value: float, scale: ParameterAxis) -> float:
+def _share(value: float, scale: AxisScale) -> float:
     """Returns the position of a value on an axis, from 0 to 1."""
     low, high = scale.low, scale.high
     if scale.log:

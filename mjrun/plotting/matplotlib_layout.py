@@ -19,7 +19,7 @@ from matplotlib.ticker import Formatter, Locator, NullFormatter, NullLocator
 
 from mjrun.errors import UsageError, clean, option, quoted
 from mjrun.palette import Colour
-from mjrun.plotting.figure_data import DPI, POINT, PanelGrid, ParameterAxis
+from mjrun.plotting.figure_data import DPI, POINT, AxisScale, PanelGrid
 from mjrun.plotting.theme import Theme
 from mjrun.plotting.tick_labels import labels_of, linear_ticks, log_ticks
 
@@ -208,7 +208,7 @@ def dot_size(count: int) -> float:
     return 4.0 if count <= FEW_DOTS else 2.4
 
 
-def set_scale(canvas: MatplotlibFigure, axes: Axes, name: str, scale: ParameterAxis) -> None:
+def set_scale(canvas: MatplotlibFigure, axes: Axes, name: str, scale: AxisScale) -> None:
     """Sets the range and the ticks of the axis `name`, x or y, from a scale.
 
     Raises:
@@ -227,7 +227,7 @@ def set_scale(canvas: MatplotlibFigure, axes: Axes, name: str, scale: ParameterA
         number_ticks(axis, canvas.em, whole=scale.whole)
 
 
-def set_scales(canvas: MatplotlibFigure, axes: Axes, x: ParameterAxis, y: ParameterAxis) -> None:
+def set_scales(canvas: MatplotlibFigure, axes: Axes, x: AxisScale, y: AxisScale) -> None:
     """Sets both axes of a panel of curves, with a grid and a line at zero."""
     set_scale(canvas, axes, "x", x)
     set_scale(canvas, axes, "y", y)

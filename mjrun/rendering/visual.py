@@ -16,7 +16,7 @@ from mjrun.model.camera_images import SegmentedObject
 from mjrun.model.fields import flex_owners, skin_owners
 from mjrun.model.mujoco_globals import collected_warnings, warn_again
 from mjrun.model.names import KINDS, enum_members, enum_value, names
-from mjrun.options.rendering import QUALITIES, SceneOptions
+from mjrun.options.rendering import QUALITIES, SceneOptions, decoration_options
 
 NOTHING = -1
 BODY_OF = {"geom": "geom_bodyid", "site": "site_bodyid", "joint": "jnt_bodyid", "camera": "cam_bodyid"}
@@ -200,8 +200,7 @@ def colour_options(options: SceneOptions) -> list[str]:
     """Returns the options in `options` that images of depth and segmentations do not show."""
     flags = COLOURING | (MARKS if options.renderer == "filament" else set())
     used = {
-        "ghost": bool(options.ghost),
-        "trail": bool(options.trail),
+        **dict.fromkeys(decoration_options(options), True),
         "label": options.label != "none",
         "frame_axes": options.frame_axes != "none" and options.renderer == "filament",
     }

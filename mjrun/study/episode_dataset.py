@@ -34,9 +34,9 @@ from mjrun.formats.temporary_output import one_at_a_time, published_in, remove_l
 from mjrun.model.mujoco_globals import reported_warnings
 from mjrun.model.sources import demonstration_in
 from mjrun.model.sources.demonstration import errors_of_models, open_demonstrations
-from mjrun.options.datasets import EXTRAS, KEYFRAMES, UNUSED, EpisodeDatasetOptions
-from mjrun.options.option import is_given, options, values_of
-from mjrun.options.rendering import SceneOptions, ViewOptions
+from mjrun.options.datasets import EXTRAS, KEYFRAMES, EpisodeDatasetOptions
+from mjrun.options.option import options, values_of
+from mjrun.options.rendering import SceneOptions, ViewOptions, decoration_options
 from mjrun.options.sweep import PARTS, ExecutionOptions
 from mjrun.options.video import FPS
 from mjrun.outputs.exports import export_format
@@ -90,9 +90,8 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
             raise UsageError(
                 f"{option('engine')} warp plays no policies and renders nothing; {option('engine')} local does"
             )
-        for name in UNUSED:
-            if is_given(self, name):
-                raise UsageError(f"{option(name)}: images of a dataset show what a policy would see", (name,))
+        for name in decoration_options(self):
+            raise UsageError(f"{option(name)}: images of a dataset show what a policy would see", (name,))
         if self.simulation.replay is not None and self.episodes not in (None, 1) and not self._file:
             raise UsageError(f"{option('replay')} gives one episode, not {self.episodes}", ("episodes",))
 

@@ -91,7 +91,7 @@ def _snapshot_here(chunk: PointChunk) -> InputSnapshot | None:
         return _copies.get(key)
 
 
-class ProcessStop:
+class ProcessStopper:
     """A way to end the process of another thread, which then starts no other."""
 
     def __init__(self) -> None:
@@ -123,9 +123,9 @@ class ProcessStop:
             self._worker.close()
 
 
-def process_stop() -> ProcessStop:
+def process_stop() -> ProcessStopper:
     """Returns the stop with which the executor of this thread ends its process; a new one in other threads."""
-    return getattr(_processes, "stop", None) or ProcessStop()
+    return getattr(_processes, "stop", None) or ProcessStopper()
 
 
 class LocalExecutor(ThreadPoolExecutor):
@@ -134,11 +134,11 @@ class LocalExecutor(ThreadPoolExecutor):
     """
 
     def __init__(self, count: int) -> None:
-        self._stops = list[ProcessStop]()
+        self._stops = list[ProcessStopper]()
         super().__init__(count, "study", self._begin_thread)
 
     def _begin_thread(self) -> None:
-        _processes.stop = ProcessStop()
+        _processes.stop = ProcessStopper()
         self._stops.append(_processes.stop)
 
     def __exit__(self, *_: object) -> None:
@@ -161,8 +161,8 @@ class IsolatedSimulator:
       worker_versions: versions that points were simulated with.
     """
 
-    def __init__(self, study: ShippedStudy, root: Path | None = None, stop: ProcessStop | None = None) -> None:
-        self.study, self._root, self._stop = study, root or study.snapshot.root, stop or ProcessStop()
+    def __init__(self, study: ShippedStudy, root: Path | None = None, stop: ProcessStopper | None = None) -> None:
+        self.study, self._root, self._stop = study, root or study.snapshot.root, stop or ProcessStopper()
         self._worker: Worker | None = None
         self.worker_versions: tuple[WorkerVersions, ...] = ()
 

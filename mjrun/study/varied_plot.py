@@ -29,7 +29,7 @@ MOST = 100  # points in a figure
 
 
 @dataclass(frozen=True)
-class DrawnPoint:
+class LegendPoint:
     """A point in a figure: its name in the legend, its values as written, and its simulation."""
 
     name: str
@@ -95,7 +95,7 @@ class VariedPlot(VariationOptions, Plot):
             open=lambda stack, _: OpenVariedPlot(self, context, table, figure, points, stack),
         )
 
-    def context(self, point: DrawnPoint, base: output.PassContext) -> output.PassContext:
+    def context(self, point: LegendPoint, base: output.PassContext) -> output.PassContext:
         """Returns the context of the simulation of a point, with the reporter of `base`."""
         simulation = point.simulation
         with point.named_in_errors():
@@ -118,7 +118,7 @@ class VariedPlot(VariationOptions, Plot):
             raise UsageError(f"{len(made.points):,} points; a figure shows {MOST} at most\n{other}")
         return made
 
-    def _points(self, context: output.PassContext) -> list[DrawnPoint]:
+    def _points(self, context: output.PassContext) -> list[LegendPoint]:
         names, points = self._design.names, self._design.points
         spec = StudySpec(self.simulation, names, (), controllers=tuple(self.controllers.items()))
         columns = [TIME, *available_columns(context.model, context.episode)]
@@ -127,7 +127,7 @@ class VariedPlot(VariationOptions, Plot):
         titled = bool(self.legend_title) and len(names) == 1  # by the name of the parameter
         shown = [point[0] for point in points] if titled else point_names(values, units)
         return [
-            DrawnPoint(label, ", ".join(f"{name}={text}" for name, text in each.items()), spec.simulation(point))
+            LegendPoint(label, ", ".join(f"{name}={text}" for name, text in each.items()), spec.simulation(point))
             for label, each, point in zip(shown, values, points, strict=True)
         ]
 
@@ -141,7 +141,7 @@ class OpenVariedPlot(OpenPlot):
         context: output.PassContext,
         table: ProbeSampler,
         figure: FigurePlan,
-        points: Sequence[DrawnPoint],
+        points: Sequence[LegendPoint],
         stack: ExitStack,
     ) -> None:
         super().__init__(request, context, table, (), figure, stack)

@@ -38,7 +38,7 @@ class Ending:
         return self.kind != "timeout"
 
 
-class Endings(tuple[Ending, ...]):
+class PossibleEndings(tuple[Ending, ...]):
     """All possible endings of the episodes of a task, by their codes. A running episode has the code −1.
 
     Args:
@@ -55,7 +55,7 @@ class Endings(tuple[Ending, ...]):
     terminated: np.ndarray
     truncated: np.ndarray
 
-    def __new__(cls, own: Iterable[Ending], timeout: Ending, unstable: Ending) -> "Endings":
+    def __new__(cls, own: Iterable[Ending], timeout: Ending, unstable: Ending) -> "PossibleEndings":
         self = super().__new__(cls, (*own, timeout, unstable))
         self.timeout, self.unstable = len(self) - 2, len(self) - 1
         self.terminated = np.array([*(ending.terminated for ending in self), False])

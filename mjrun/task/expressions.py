@@ -22,7 +22,7 @@ from mjrun.probe.task_expression import (
     parse_task_value,
 )
 from mjrun.task.batch_columns import NumberSource, as_slice
-from mjrun.task.episode import Endings
+from mjrun.task.episode import PossibleEndings
 from mjrun.task.task import TIMED_OUT, UNSTABLE, Task
 
 ACTION, COMMAND, TIME = "action/", "command/", "time"  # columns of a task in addition to those of its model
@@ -108,7 +108,7 @@ class TaskExpressions:
         self._values = {name: each.evaluator(count) for name, each in values.items()}
         self.has_values = bool(values)
         own_endings = (termination.ending(name) for name, termination in task.terminations.items())
-        self.endings = Endings(own_endings, TIMED_OUT, UNSTABLE)
+        self.endings = PossibleEndings(own_endings, TIMED_OUT, UNSTABLE)
 
         self.actions = actions = [f"{ACTION}{name}" for name in names[0]]
         self.commands = commands = [f"{COMMAND}{name}" for name in names[1]]

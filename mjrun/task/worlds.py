@@ -41,7 +41,7 @@ from mjrun.task.batch_columns import (
     SourceWithSensors,
     can_sense,
 )
-from mjrun.task.episode import Ending, Endings
+from mjrun.task.episode import Ending, PossibleEndings
 from mjrun.task.episode_start import EpisodeModels, EpisodeStarts
 from mjrun.task.expressions import ACTION, COMMAND, NOTHING, RUNNING, ExpressionInputs, TaskExpressions
 from mjrun.task.observation_plan import BatchObservations, ObservationPlan, ObservedNumber
@@ -68,7 +68,7 @@ class TaskStep(NamedTuple):
     rewards: Any
     reward_terms: Any
     codes: Any
-    endings: Endings
+    endings: PossibleEndings
 
     @property
     def ended(self) -> tuple[Ending | None, ...]:
@@ -149,7 +149,7 @@ class TaskWorlds:
         return [*self.task.rewards]
 
     @property
-    def endings(self) -> Endings:
+    def endings(self) -> PossibleEndings:
         """All possible endings of episodes."""
         return self._expressions.endings
 
@@ -518,7 +518,7 @@ def _sorted(ids: Ids | None) -> np.ndarray | None:
     return None if ids is None else np.sort(np.asarray(ids, int))
 
 
-def _endings_of(codes: np.ndarray, endings: Endings) -> tuple[Ending | None, ...]:
+def _endings_of(codes: np.ndarray, endings: PossibleEndings) -> tuple[Ending | None, ...]:
     return tuple(None if code == RUNNING else endings[code] for code in codes.tolist())
 
 

@@ -39,7 +39,7 @@ from mjrun.options.policy import NormalizationKind, PolicyKind
 from mjrun.options.schema_validation import InvalidValueError
 from mjrun.options.setting_kinds import ColumnDefinitionsKind, NamedNumbersKind, SettingsKind, VariedSettingsKind
 from mjrun.options.simulation import PushKind
-from mjrun.options.task import LimitsKind, RandomValueKind, ScheduleKind, VectorOrKeyframeKind
+from mjrun.options.task import LimitsKind, RandomValueKind, TimedValuesKind, VectorOrKeyframeKind
 from mjrun.rendering.visual import flags
 from tests.document.camera_strategies import names, numbers, positives, texts
 
@@ -92,7 +92,7 @@ PLAIN_VALUES: list[tuple[type[AnyKind], st.SearchStrategy[Any]]] = [
     (LimitsKind, st.sampled_from([[-1, 1], [[-1, -2], 3]])),
     (VectorOrKeyframeKind, numbers | MANY | names),
     (RandomValueKind, st.sampled_from([0.5, "uniform(0, 1)", {"normal": [0, 0.1]}])),
-    (ScheduleKind, st.sampled_from([[[0, [1, 0]], [2.5, [0, 1]]], [[0, [1]]]])),
+    (TimedValuesKind, st.sampled_from([[[0, [1, 0]], [2.5, [0, 1]]], [[0, [1]]]])),
     (ProcessCountKind, st.just("auto") | st.integers(1, 99)),
     (ExactNumberKind, EXACT),
     (InstantKind, EXACT),

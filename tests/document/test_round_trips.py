@@ -24,7 +24,7 @@ from mjrun.options.schema_validation import Schema
 from mjrun.options.setting_kinds import VariedSettingsKind
 from mjrun.options.simulation import PushKind, SimulationOptions
 from mjrun.options.sweep import StudyOptions
-from mjrun.options.task import PARTS, LimitsKind, RandomValueKind, ScheduleKind, TaskOptions, VectorOrKeyframeKind
+from mjrun.options.task import PARTS, LimitsKind, RandomValueKind, TaskOptions, TimedValuesKind, VectorOrKeyframeKind
 from mjrun.rendering.visual import flags, frame_axes, groupings, labels
 from tests.document.camera_strategies import decimals, events, names, numbers, positives, texts
 from tests.document.schema_oracle import fits
@@ -106,7 +106,7 @@ def values(kind: Kind[Any, Any]) -> st.SearchStrategy[Any]:
         case LimitsKind():
             low, high = st.floats(-9, -1), st.floats(1, 9)
             return st.tuples(low, high) | st.tuples(st.lists(low, min_size=2, max_size=2), high)
-        case ScheduleKind():
+        case TimedValuesKind():
             vector = st.lists(numbers, min_size=2, max_size=2)
             return st.tuples(vector, vector).map(lambda both: [[0, both[0]], [0.5, both[1]]])
         case number_kinds.NumberVectorKind():

@@ -45,7 +45,7 @@ def test_points_are_those_of_a_study(tmp_path: Path) -> None:
     [
         ({"vary": {"seed": "1,2"}}, "a separate seed"),
         ({"repeats": 2}, "to repeat each point"),
-        ({"vary": {"body/cart.mass": "uniform(1,2)"}, "sampler": "saltelli"}, "use sobol, halton or random"),
+        ({"vary": {"body/cart.mass": "uniform(1,2)"}, "sampler": "saltelli"}, "samplers: sobol, halton, lhs, random"),
     ],
 )
 def test_variations_that_only_studies_have_are_refused(

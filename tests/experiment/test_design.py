@@ -16,7 +16,7 @@ from mjrun.experiment.design import (
     Design,
     DesignColumn,
     GridPoints,
-    NumberTexts,
+    LazyNumberTexts,
     _sampled,
     design,
     numbers,
@@ -291,13 +291,13 @@ def test_points_are_those_of_nested_loops(columns: list[list[str]], data: Any) -
 
 
 def test_the_digest_changes_with_every_value_and_their_order() -> None:
-    columns = [["1", "2"], NumberTexts(np.array([1.0, 2.0]), has_integers=True)]
+    columns = [["1", "2"], LazyNumberTexts(np.array([1.0, 2.0]), has_integers=True)]
     base = GridPoints([(columns[0], 2), (columns[1], 1)], 4)
     others = [
         GridPoints([(columns[1], 2), (columns[0], 1)], 4),
         GridPoints([(columns[0], 1), (columns[1], 2)], 4),
-        GridPoints([(columns[0], 2), (NumberTexts(np.array([1.0, 2.0])), 1)], 4),
-        GridPoints([(columns[0], 2), (NumberTexts(np.array([1.0, 3.0]), has_integers=True), 1)], 4),
+        GridPoints([(columns[0], 2), (LazyNumberTexts(np.array([1.0, 2.0])), 1)], 4),
+        GridPoints([(columns[0], 2), (LazyNumberTexts(np.array([1.0, 3.0]), has_integers=True), 1)], 4),
         base.only(np.array([0, 1, 2])),
         GridPoints([(["1,2"], 2), (columns[1], 1)], 2),
     ]
@@ -307,7 +307,7 @@ def test_the_digest_changes_with_every_value_and_their_order() -> None:
 
 @given(st.lists(st.floats(allow_nan=False, allow_infinity=False), max_size=9))
 def test_numbers_have_the_shortest_texts(values: list[float]) -> None:
-    texts = NumberTexts(np.array(values, float))
+    texts = LazyNumberTexts(np.array(values, float))
     assert list(texts) == [texts[index] for index in range(len(texts))] == [repr(value) for value in values]
     read, column = numbers(texts), DesignColumn.of(texts, np.arange(len(values)))
     assert read is not None

@@ -11,7 +11,7 @@ import pytest
 
 from mjrun.bench import step_timing
 from mjrun.camera.script import parse_camera
-from mjrun.check import rule
+from mjrun.check import finding
 from mjrun.check.rule_runner import RULES
 from mjrun.cli import report_formats
 from mjrun.cli.report_formats import CiVerdict
@@ -77,7 +77,7 @@ def test_choices_are_those_that_are_implemented() -> None:
     assert STYLES == ("color", "exact")
     assert ENGINES == (step_timing.C, step_timing.WARP)
     assert set(INTEGRATORS) == set(enum_members(mujoco.mjtIntegrator))
-    assert sorted(SEVERITIES) == sorted(rule.SEVERITIES)
+    assert sorted(SEVERITIES) == sorted(finding.SEVERITIES)
     assert sorted(REPORT_FORMATS) == sorted(report_formats.FORMATS)
     assert set(re.findall(r"\w+", BACKENDS)) - {"or"} <= {backend.AUTO, *backend.BACKENDS}
 

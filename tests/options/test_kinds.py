@@ -50,7 +50,7 @@ from mjrun.options.setting_kinds import (
     setting_text,
     with_paths,
 )
-from mjrun.options.task import LimitsKind, RandomValueKind, ScheduleKind, VectorOrKeyframeKind
+from mjrun.options.task import LimitsKind, RandomValueKind, TimedValuesKind, VectorOrKeyframeKind
 from mjrun.physics.random_distribution import parse_distribution
 from tests.cases import cases
 
@@ -341,7 +341,7 @@ def test_joints_take_numbers_with_units(text: str, rate: bool, value: tuple[floa
         (VectorOrKeyframeKind(), [1, 2], (1.0, 2.0), [1.0, 2.0]),
         (RandomValueKind(), {"uniform": [-1, 1]}, "uniform(-1, 1)", "uniform(-1, 1)"),
         (RandomValueKind(), 0.5, "0.5", "0.5"),
-        (ScheduleKind(), [[0, [1, 0]], [0.1, [0, 1]]], ((0, (1.0, 0.0)), (Fraction(1, 10), (0.0, 1.0))), None),
+        (TimedValuesKind(), [[0, [1, 0]], [0.1, [0, 1]]], ((0, (1.0, 0.0)), (Fraction(1, 10), (0.0, 1.0))), None),
     ],
 )
 def test_a_kind_of_tasks_takes_what_documents_write(kind: AnyKind, value: object, made: object, plain: object) -> None:
@@ -361,11 +361,11 @@ def test_a_kind_of_tasks_takes_what_documents_write(kind: AnyKind, value: object
         (VectorOrKeyframeKind(), [float("nan")]),
         (RandomValueKind(), {"from": 0, "to": 1}),
         (RandomValueKind(), [1, 2]),
-        (ScheduleKind(), []),
-        (ScheduleKind(), [[1, [0]]]),
-        (ScheduleKind(), [[0, [1]], [1, [1, 2]]]),
-        (ScheduleKind(), [[0, [1]], [0, [2]]]),
-        (ScheduleKind(), [3]),
+        (TimedValuesKind(), []),
+        (TimedValuesKind(), [[1, [0]]]),
+        (TimedValuesKind(), [[0, [1]], [1, [1, 2]]]),
+        (TimedValuesKind(), [[0, [1]], [0, [2]]]),
+        (TimedValuesKind(), [3]),
     ],
 )
 def test_a_kind_of_tasks_refuses_what_cannot_be(kind: AnyKind, value: object) -> None:

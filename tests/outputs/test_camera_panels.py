@@ -60,7 +60,7 @@ def test_what_numbers_have_no_room_for_is_reported(swing: Path, tmp_path: Path) 
     [
         (
             {"view": "depth", "ghost": "offset=0/1/0", "trail": "box", "label": "body", "show": "joint,transparent"},
-            "ghost, trail, label, show transparent: not shown in images of depth; view rgb shows everything",
+            "trail, ghost, label, show transparent: not shown in images of depth; view rgb shows everything",
         ),
         (
             {"view": ["seg", "depth"], "show": "joint", "frame_axes": "body", "renderer": "filament"},

@@ -14,12 +14,12 @@ from mjrun.plotting.figure_data import (
     GROUP,
     GROUPS,
     MARGIN,
+    AxisScale,
     CurvePoints,
     DrawnCurve,
     DrawnFigure,
     DrawnPanel,
     Envelope,
-    ParameterAxis,
     XRangeFilter,
     scale,
 )
@@ -84,11 +84,11 @@ def test_marks_are_within_the_range() -> None:
 def test_x_is_from_the_first_to_the_last_sample() -> None:
     drawing = DrawnFigure("", "t", False, [panel(1, 2, 3), panel(1, 2, 3, 4)], [ReferenceLine("m", 99, vertical=True)])
     wide = replace(drawing, x_margin=0.1).x
-    assert drawing.x == ParameterAxis("t", 0, 3, whole=True)
+    assert drawing.x == AxisScale("t", 0, 3, whole=True)
     assert (wide.low, wide.high) == pytest.approx((-0.3, 3.3))
-    assert DrawnFigure("", "t", False, [panel(1)], []).x == ParameterAxis("t", -0.5, 0.5, whole=True)
-    assert DrawnFigure("", "t", True, [panel()], []).x == ParameterAxis("t", 0.1, 1, True)
-    assert DrawnFigure("", "t", False, [panel()], []).x == ParameterAxis("t", 0, 1)
+    assert DrawnFigure("", "t", False, [panel(1)], []).x == AxisScale("t", -0.5, 0.5, whole=True)
+    assert DrawnFigure("", "t", True, [panel()], []).x == AxisScale("t", 0.1, 1, True)
+    assert DrawnFigure("", "t", False, [panel()], []).x == AxisScale("t", 0, 1)
 
 
 def test_counts_are_whole_and_nothing_else_is() -> None:
@@ -159,10 +159,10 @@ def test_the_axis_of_a_metric_has_a_margin_and_colours_have_none() -> None:
     values = np.array([1.0, 2, np.nan])
     axis, colours = (scale("z", values, edge=edge) for edge in (MARGIN, 0.0))
     assert axis.low < 1 < 2 < axis.high
-    assert colours == ParameterAxis("z", 1, 2, whole=True)
+    assert colours == AxisScale("z", 1, 2, whole=True)
 
 
-GRAPH = GraphPanel(ParameterAxis("x", 0, 1), ParameterAxis("z", 0, 1), [], [])
+GRAPH = GraphPanel(AxisScale("x", 0, 1), AxisScale("z", 0, 1), [], [])
 
 
 def test_panels_have_the_columns_that_suit_or_those_asked_for() -> None:

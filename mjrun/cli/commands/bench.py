@@ -20,7 +20,7 @@ from mjrun.options.every_command import opened_file
 
 if TYPE_CHECKING:
     from mjrun.bench.block_timing import StepPhase
-    from mjrun.bench.output_timing import FrameTiming, LoadTiming, OutputTiming
+    from mjrun.bench.output_timing import EndToEndTiming, FrameTiming, LoadTiming
     from mjrun.bench.results import BaselineComparison, BenchResult, GridPointResult, IntegrationAccuracy
     from mjrun.bench.statistics import SampleStatistics
     from mjrun.plotting.html_page import Page
@@ -339,7 +339,7 @@ def _frames(frames: Sequence["FrameTiming"]) -> Table:
     return table
 
 
-def _whole(outputs: Sequence["OutputTiming"]) -> Table:
+def _whole(outputs: Sequence["EndToEndTiming"]) -> Table:
     table = [["what", "simulated", "made", "took"]]
     for one in outputs:
         table.append([one.what, duration(one.simulated), f"{one.count} {one.unit}", duration(one.seconds)])

@@ -36,6 +36,7 @@ class TableFormat:
       suffixes: suffixes of its files, the usual one first.
       writer: name of the class in its module, a `RowWriter`.
       is_text: whether its files are lines of text, which can be piped, and hold neither units nor a manifest.
+      begins: what a table of this format on standard input begins with; any other text is CSV.
       commented: name of the class that also writes units as a comment, in a format whose units may be beside the table.
       library, extra: library that it needs, and the extra of mjrun that installs it.
       reads_alone: whether only writing needs the library.
@@ -45,6 +46,7 @@ class TableFormat:
     suffixes: Sequence[str]
     writer: str
     is_text: bool = False
+    begins: tuple[bytes, ...] = ()
     commented: str = ""
     library: str = ""
     extra: str = ""
@@ -69,7 +71,7 @@ FORMATS = {
         TableFormat("csv", (".csv",), "CsvWriter", is_text=True, commented="CommentedCsvWriter"),
         TableFormat("feather", (".feather", ".arrow"), "FeatherWriter", library="pyarrow", extra="parquet"),
         TableFormat("hdf5", HDF5, "Hdf5Writer", library="h5py", extra="hdf5"),
-        TableFormat("jsonl", (".jsonl",), "JsonlWriter", is_text=True),
+        TableFormat("jsonl", (".jsonl",), "JsonlWriter", is_text=True, begins=(b"{", b"[")),
         TableFormat("mat", (".mat",), "MatWriter", library="scipy", extra="mat", reads_alone=True),
         TableFormat("npz", (".npz",), "NpzWriter"),
         TableFormat("parquet", (".parquet",), "ParquetWriter", library="pyarrow", extra="parquet"),
@@ -135,3 +137,9 @@ def input_format(path: Path) -> TableFormat:
     if not known.reads_alone:
         known.require_library(f"reading {suffix}")
     return known
+
+
+def piped_format(begin: bytes) -> TableFormat:
+    """Returns the format of a table on standard input, from its first bytes."""
+    text = begin.removeprefix(b"\xef\xbb\xbf").lstrip()
+    return next((known for known in FORMATS.values() if text.startswith(known.begins)), FORMATS["csv"])

@@ -8,7 +8,7 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import listing
 from mjrun.plotting.curve_syntax import ReferenceLine
-from mjrun.plotting.figure_data import PanelGrid, ParameterAxis, are_whole, panel_grid, scale
+from mjrun.plotting.figure_data import AxisScale, PanelGrid, are_whole, panel_grid, scale
 
 CLOSE = 0.004  # distance of coinciding curves, as a share of the axis
 CELLS = 8  # maximum number of cells in a row that are all labelled
@@ -66,8 +66,8 @@ class GraphPanel:
       axis_label: the label beside the y axis, in addition to that above the panel.
     """
 
-    x: ParameterAxis
-    y: ParameterAxis
+    x: AxisScale
+    y: AxisScale
     series: Sequence[Series]
     failures: Sequence[FailedPoints]
     marks: Sequence[ReferenceLine] = ()
@@ -97,11 +97,11 @@ class HeatmapPanel:
     """
 
     label: str
-    columns: ParameterAxis
-    rows: ParameterAxis
+    columns: AxisScale
+    rows: AxisScale
     values: np.ndarray
     failed: np.ndarray
-    colours: ParameterAxis
+    colours: AxisScale
 
     curves = 0
 
@@ -116,7 +116,7 @@ class ParallelCoordinatesPanel:
       failed: mask of the points without the metric.
     """
 
-    scales: Sequence[ParameterAxis]
+    scales: Sequence[AxisScale]
     values: np.ndarray
     failed: np.ndarray
 
@@ -172,7 +172,7 @@ class DrawnStudyFigure:
         return listing([*dict.fromkeys(panel.label for panel in self.panels)])
 
 
-def in_turn(series: Sequence[Series], y: ParameterAxis) -> list[Series]:
+def in_turn(series: Sequence[Series], y: AxisScale) -> list[Series]:
     """Returns named lines with their place among those that coincide with them over most of their values."""
     groups = list[list[int]]()
     for index, each in enumerate(series):
@@ -187,7 +187,7 @@ def in_turn(series: Sequence[Series], y: ParameterAxis) -> list[Series]:
     return [replace(each, turn=turns.get(index, each.turn)) for index, each in enumerate(series)]
 
 
-def _coincide(a: Series, b: Series, y: ParameterAxis) -> bool:
+def _coincide(a: Series, b: Series, y: AxisScale) -> bool:
     """Returns whether two lines are one to the eye at more than half of the values that they share."""
     if not (len(a.x) and len(b.x)):
         return False
@@ -199,16 +199,16 @@ def _coincide(a: Series, b: Series, y: ParameterAxis) -> bool:
     return len(distances) > 0 and bool(2 * np.count_nonzero(distances < CLOSE) > len(distances))
 
 
-def cell_scale(name: str, levels: np.ndarray, labels: Sequence[str]) -> ParameterAxis:
+def cell_scale(name: str, levels: np.ndarray, labels: Sequence[str]) -> AxisScale:
     """Returns the axis of cells with ascending values: numeric if many and evenly spaced, otherwise of texts."""
     count = len(levels)
     if count > CELLS and is_geometric(levels):
         half = float((levels[-1] / levels[0]) ** (0.5 / (count - 1)))
-        return ParameterAxis(name, float(levels[0]) / half, float(levels[-1]) * half, True)
+        return AxisScale(name, float(levels[0]) / half, float(levels[-1]) * half, True)
     steps = np.diff(levels)
     if count > CELLS and steps.max() - steps.min() < 1e-6 * steps.mean():
         half = float(steps.mean()) / 2
-        return ParameterAxis(name, float(levels[0]) - half, float(levels[-1]) + half, whole=are_whole(levels))
+        return AxisScale(name, float(levels[0]) - half, float(levels[-1]) + half, whole=are_whole(levels))
     return scale(name, levels, categories=labels, edge=0.0)
 
 

@@ -16,7 +16,7 @@ from matplotlib.patheffects import withStroke
 from matplotlib.text import Annotation
 
 from mjrun.plotting.curve_syntax import ReferenceLine
-from mjrun.plotting.figure_data import POINT, PanelGrid, ParameterAxis
+from mjrun.plotting.figure_data import POINT, AxisScale, PanelGrid
 from mjrun.plotting.matplotlib_layout import (
     SMALL,
     TITLE,
@@ -357,7 +357,7 @@ def _write_values(canvas: MatplotlibFigure, panel: HeatmapPanel, axes: Axes) -> 
         axes.text(*place, label, ha="center", va="center", fontsize=size * POINT, color=colour)
 
 
-def _middles(scale: ParameterAxis, count: int) -> np.ndarray:
+def _middles(scale: AxisScale, count: int) -> np.ndarray:
     """Returns the middles of `count` cells."""
     edges = _edges(scale, count)
     middles: np.ndarray = np.sqrt(edges[1:] * edges[:-1]) if scale.log else (edges[1:] + edges[:-1]) / 2
@@ -422,7 +422,7 @@ def _name(axes: Axes, name: str, x: float, em: float) -> Annotation:
     return axes.annotate(name, (x, 1), xycoords=("data", "axes fraction"), va="bottom", fontsize=em * POINT, **place)
 
 
-def _colour_bar(canvas: MatplotlibFigure, axes: Axes, colours: ParameterAxis, gap: float) -> Axes:
+def _colour_bar(canvas: MatplotlibFigure, axes: Axes, colours: AxisScale, gap: float) -> Axes:
     """Draws a colour bar to the right of axes, after a gap [em]."""
     box = axes.get_window_extent()
     pad, aspect = gap * canvas.em / box.width, box.height / (BAR * canvas.em)
@@ -432,12 +432,12 @@ def _colour_bar(canvas: MatplotlibFigure, axes: Axes, colours: ParameterAxis, ga
     return bar.ax
 
 
-def _colours(scale: ParameterAxis) -> ScalarMappable:
+def _colours(scale: AxisScale) -> ScalarMappable:
     """Returns the mapping of values to colours."""
     return ScalarMappable(_norm(scale), COLOUR_MAP)
 
 
-def _norm(scale: ParameterAxis) -> Normalize:
+def _norm(scale: AxisScale) -> Normalize:
     return (LogNorm if scale.log else Normalize)(scale.low, scale.high)
 
 
@@ -452,7 +452,7 @@ def _empty_cell(
     return cell
 
 
-def _edges(scale: ParameterAxis, count: int) -> np.ndarray:
+def _edges(scale: AxisScale, count: int) -> np.ndarray:
     """Returns the edges of `count` cells."""
     return (np.geomspace if scale.log else np.linspace)(scale.low, scale.high, count + 1)
 

@@ -26,7 +26,7 @@ from mjrun.plotting.curve_syntax import (
     parse_ylabel,
     parse_ylim,
 )
-from mjrun.plotting.figure_data import MARGIN, ParameterAxis, scale
+from mjrun.plotting.figure_data import MARGIN, AxisScale, scale
 from mjrun.plotting.study.figure_data import (
     DrawnStudyFigure,
     FailedPoints,
@@ -235,11 +235,11 @@ class StudyFigurePlan:
         panels = [self._graph(x, axis, metric, lines) for metric in self._shown(self._metrics)]
         return self._drawn(panels)
 
-    def _axis(self, x: Parameter) -> ParameterAxis:
+    def _axis(self, x: Parameter) -> AxisScale:
         """Returns the axis of a parameter, with the range and the label that are requested."""
         return self._with_options(x.scale(True if self._log_x else None))
 
-    def _with_options(self, axis: ParameterAxis) -> ParameterAxis:
+    def _with_options(self, axis: AxisScale) -> AxisScale:
         options = self._options
         if options.xlim and not axis.categories:
             low, high = options.xlim
@@ -247,7 +247,7 @@ class StudyFigurePlan:
         return replace(axis, name=options.xlabel) if options.xlabel else axis
 
     def _panel(
-        self, x: ParameterAxis, metric: MetricValues, drawn: np.ndarray, series: Sequence[Series], failures: np.ndarray
+        self, x: AxisScale, metric: MetricValues, drawn: np.ndarray, series: Sequence[Series], failures: np.ndarray
     ) -> GraphPanel:
         """Returns a panel of a metric, with its marks.
 
@@ -261,7 +261,7 @@ class StudyFigurePlan:
         label = self._ylabels.get(index, "")
         return GraphPanel(x, y, self._in_turn(series, y), self._failures(failures), marks, label)
 
-    def _in_turn(self, series: Sequence[Series], y: ParameterAxis) -> list[Series]:
+    def _in_turn(self, series: Sequence[Series], y: AxisScale) -> list[Series]:
         """Gives curves that coincide alternating dashes, and notes their names."""
         drawn = in_turn(series, y)
         if hidden := [each.name for each in drawn if each.turn[1] > 1]:
@@ -270,7 +270,7 @@ class StudyFigurePlan:
 
     def _y_axis(
         self, index: int, name: str, drawn: np.ndarray, marks: Sequence[ReferenceLine], *, log: bool
-    ) -> ParameterAxis:
+    ) -> AxisScale:
         """Returns the y axis of the panel `index`, which shows values and marks, with the range that is requested."""
         heights = [mark.value for mark in marks if not mark.vertical]
         y = scale(name, np.append(drawn, heights), log=log, edge=MARGIN)
@@ -299,7 +299,7 @@ class StudyFigurePlan:
             panels.append(GraphPanel(x, y, series, (), marks, self._ylabels.get(index, "")))
         return panels
 
-    def _graph(self, x: Parameter, axis: ParameterAxis, metric: MetricValues, lines: Parameter | None) -> GraphPanel:
+    def _graph(self, x: Parameter, axis: AxisScale, metric: MetricValues, lines: Parameter | None) -> GraphPanel:
         groups = [("", np.ones(len(x.values), bool))]
         if lines is not None:
             groups = [

@@ -10,7 +10,7 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.formats.study_reader import StudyResults
 from mjrun.packages import require
-from mjrun.plotting.figure_data import ParameterAxis, scale
+from mjrun.plotting.figure_data import AxisScale, scale
 from mjrun.plotting.study import figure_data
 from mjrun.plotting.tick_labels import value_labels
 
@@ -59,7 +59,7 @@ class Parameter:
         """Its name; for two texts, with the one that counts as higher."""
         return f"{self.name}: {self.categories[1]}" if self.categories else self.name
 
-    def scale(self, log: bool | None = None) -> ParameterAxis:
+    def scale(self, log: bool | None = None) -> AxisScale:
         """Returns its axis, logarithmic if `log`, or by default if the values have equal ratios."""
         is_log = log
         if is_log is None:
@@ -70,7 +70,7 @@ class Parameter:
             self.label or self.name, self.values, log=is_log, categories=self.categories, edge=figure_data.EDGE
         )
 
-    def cells(self) -> ParameterAxis:
+    def cells(self) -> AxisScale:
         """Returns its axis with a cell for each level."""
         return figure_data.cell_scale(self.label or self.name, self.levels, self.labels)
 

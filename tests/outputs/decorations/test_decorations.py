@@ -53,6 +53,7 @@ def test_a_trail_is_drawn_where_its_object_has_been(swing: Path, tmp_path: Path)
     assert changed[int(v[0] / w[0]), int(u[0] / w[0])]
 
 
+@pytest.mark.filterwarnings("ignore:trail, ghost")
 def test_segmentation_and_depth_do_not_see_what_is_added(swing: Path, tmp_path: Path) -> None:
     for view in ("seg", "depth"):
         found = []

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from mjrun.plotting.figure_data import ParameterAxis
+from mjrun.plotting.figure_data import AxisScale
 from mjrun.plotting.matplotlib_layout import WHOLE, MatplotlibFigure, settings
 from mjrun.plotting.study.figure_data import (
     DrawnStudyFigure,
@@ -35,18 +35,18 @@ if TYPE_CHECKING:
 X, Y = np.array([0.0, 1, 2]), np.array([1.0, 3, 2])
 BANDS = [QuantileBand(Y - 1, Y + 1), QuantileBand(Y - 0.5, Y + 0.5)]
 FAILURES = [FailedPoints("unstable", np.array([2.0, 2.0])), FailedPoints("crashed", np.array([1.0]))]
-MASS, Z = ParameterAxis("mass", -0.1, 2.1), ParameterAxis("z", 0, 4)
+MASS, Z = AxisScale("mass", -0.1, 2.1), AxisScale("z", 0, 4)
 GRAPH = GraphPanel(MASS, Z, [Series("", X, Y, BANDS)], FAILURES)
-OTHER = GraphPanel(ParameterAxis("w", 0, 3), Z, [Series("", X, Y)], [])
+OTHER = GraphPanel(AxisScale("w", 0, 3), Z, [Series("", X, Y)], [])
 VALUES = np.array([[1.0, 2, np.nan], [4, 5, np.nan]])
 FAILED = np.array([[False, False, True], [False, False, False]])
-CATEGORIES = ParameterAxis("mass", -0.5, 2.5, categories=("1", "2", "3"))
-HEAT = HeatmapPanel("z", CATEGORIES, ParameterAxis("friction", 0, 2), VALUES, FAILED, ParameterAxis("z", 1, 5))
+CATEGORIES = AxisScale("mass", -0.5, 2.5, categories=("1", "2", "3"))
+HEAT = HeatmapPanel("z", CATEGORIES, AxisScale("friction", 0, 2), VALUES, FAILED, AxisScale("z", 1, 5))
 RANK = SensitivityPanel("z", ["mass", "friction", "none"], np.array([-0.99, 0.5, np.nan]), np.array([0.9, 0.6, np.nan]))
 SCALES = [
-    ParameterAxis("mass", 0, 2),
-    ParameterAxis("model", -0.5, 1.5, categories=("a", "b")),
-    ParameterAxis("z", 0.1, 10, log=True),
+    AxisScale("mass", 0, 2),
+    AxisScale("model", -0.5, 1.5, categories=("a", "b")),
+    AxisScale("z", 0.1, 10, log=True),
 ]
 POINTS = np.array([[1.0, 1, np.nan], [0.5, 0, 1.0]])
 ABOVE = ParallelCoordinatesPanel(SCALES, POINTS, np.isnan(POINTS[:, 2]))
@@ -92,7 +92,7 @@ def test_x_axes_that_are_the_same_are_labelled_once() -> None:
 
 
 def test_any_name_is_drawn() -> None:
-    axis = ParameterAxis("b\udcf6", 0, 2)
+    axis = AxisScale("b\udcf6", 0, 2)
     for panel in (replace(GRAPH, x=axis, y=axis), replace(HEAT, label="a\udcf6", columns=axis, rows=axis)):
         assert "b\\udcf6" in words(figure(DrawnStudyFigure("", [panel]))[0])
 
@@ -120,7 +120,7 @@ def test_every_one_of_coinciding_lines_is_visible() -> None:
 
 
 def test_categories_are_dots_with_lines() -> None:
-    axis = ParameterAxis("model", -0.5, 2.5, categories=("a", "b", "c"))
+    axis = AxisScale("model", -0.5, 2.5, categories=("a", "b", "c"))
     (axes,) = figure(DrawnStudyFigure("", [GraphPanel(axis, Z, [Series("", X, Y, BANDS, joined=False)], [])]))[0].axes
     assert len(axes.collections) == 2
     assert [label.get_text() for label in axes.get_xticklabels()] == ["a", "b", "c"]
@@ -129,7 +129,7 @@ def test_categories_are_dots_with_lines() -> None:
 @pytest.mark.parametrize(("count", "shown"), [(WHOLE, WHOLE), (40, 10)])
 def test_many_categories_have_some_of_their_names_and_few_have_shorter_ones(count: int, shown: int) -> None:
     names = [f"a_model_with_a_name_{i}.xml" for i in range(count)]
-    axis = ParameterAxis("model", -0.5, count - 0.5, categories=names)
+    axis = AxisScale("model", -0.5, count - 0.5, categories=names)
     (axes,) = figure(DrawnStudyFigure("", [GraphPanel(axis, Z, [Series("", X, Y, joined=False)], [])]), (1280, 480))[
         0
     ].axes
@@ -170,9 +170,9 @@ def test_every_cell_has_the_colour_of_its_value_and_the_bar_shows_all() -> None:
 
 def test_a_logarithmic_grid_is_drawn_in_equal_cells() -> None:
     values = np.array([[1.0, 10]])
-    scales = ParameterAxis("x", 1, 100, log=True), ParameterAxis("y", 0, 1)
+    scales = AxisScale("x", 1, 100, log=True), AxisScale("y", 0, 1)
     made = figure(
-        DrawnStudyFigure("", [HeatmapPanel("z", *scales, values, values < 0, ParameterAxis("z", 1, 10, log=True))])
+        DrawnStudyFigure("", [HeatmapPanel("z", *scales, values, values < 0, AxisScale("z", 1, 10, log=True))])
     )
     axes = made[0].axes[0]
     left, middle, right = (pixel(made, axes, x, 0.5) for x in (1.1, 9.5, 10.5))
@@ -240,15 +240,15 @@ def test_a_line_is_at_the_share_of_each_axis_and_failed_ones_end_before_the_metr
     ],
 )
 def test_names_without_room_lose_what_all_of_them_share(names: tuple[str, ...], shown: set[str]) -> None:
-    scales = [*(ParameterAxis(name, 0, 1) for name in names), SCALES[-1]]
+    scales = [*(AxisScale(name, 0, 1) for name in names), SCALES[-1]]
     above = ParallelCoordinatesPanel(scales, np.full((1, len(scales)), 0.5), np.array([False]))
     assert shown <= set(words(figure(DrawnStudyFigure("", [RANK], 1, above), (320, 400))[0]))
 
 
 def test_values_are_written_into_cells_that_have_room() -> None:
     def written(values: np.ndarray, size: tuple[int, int]) -> dict[tuple[float, float], str]:
-        scales = ParameterAxis("x", 0, values.shape[1]), ParameterAxis("y", 0, values.shape[0])
-        panel = HeatmapPanel("z", *scales, values, np.isnan(values), ParameterAxis("z", 1, 9))
+        scales = AxisScale("x", 0, values.shape[1]), AxisScale("y", 0, values.shape[0])
+        panel = HeatmapPanel("z", *scales, values, np.isnan(values), AxisScale("z", 1, 9))
         axes = figure(DrawnStudyFigure("", [panel]), size)[0].axes[0]
         return {text.get_position(): text.get_text() for text in axes.texts}
 
