@@ -33,7 +33,8 @@ STRONG = 1e-5  # damping above which a search continues despite little gain: som
 DAMPINGS = (10.0, 100.0, 1000.0)  # factors of the damping after a failed step, all tried at once
 SLOW = 0.01  # relative gain of a slow step
 STALLED = 3  # consecutive slow steps that end a stage, or a search that is far from the noise
-LONG_STALLED = 10  # consecutive slow steps that end a search which explains the log
+LEAST_GAIN = 0.05  # gain of a step that matters where the model explains the log: 0.5 is one standard error
+LONG_STALLED = 10  # consecutive steps without such a gain that end a search which explains the log
 FAR = 100.0  # mean square of residuals above which a search is far from the noise
 GOOD = 0.5  # share of the expected decrease above which derivatives are kept
 WIDER = 1000.0  # factor of the steps of finite differences across jumps of the motion
@@ -206,14 +207,14 @@ class GaussNewton:
         """
         (place,) = yield from self._places([self._problem.start])
         jacobians = yield from self._jacobians(place)
-        damping, used, slow, has_failed = FIRST_DAMPING, 0, 0, False
+        damping, used, slow, idle, has_failed = FIRST_DAMPING, 0, 0, 0, False
         numbers = sum(int(known.sum()) for known in self._problem.known)
         unknowns = self._problem.free + len(self._problem.parts) * self._problem.size
         far, explained = 0.5 * FAR * numbers, 0.5 * EXPLAINED * numbers
         near = 0.5 * enough * max(numbers - unknowns, 0)
         while used < evaluations and place.cost > near:
             is_lost = slow >= STALLED and (place.cost > far or enough > 0)
-            if is_lost or (slow >= LONG_STALLED and place.cost < explained):
+            if is_lost or (idle >= LONG_STALLED and place.cost < explained):
                 break
             trials = [damping * factor for factor in (DAMPINGS if has_failed else (1.0,))]
             steps = [self._step(place, jacobians, trial) for trial in trials]
@@ -224,6 +225,7 @@ class GaussNewton:
             gain, promise = place.cost - places[best].cost, steps[best][1]
             had_failed, has_failed = has_failed, gain <= 0
             slow = slow + 1 if gain <= SLOW * place.cost else 0
+            idle = idle + 1 if gain <= min(SLOW * place.cost, LEAST_GAIN) else 0
             is_end = max(gain, promise) <= tolerance * place.cost and trials[best] <= STRONG
             if gain > 0:
                 before, place = place, places[best]

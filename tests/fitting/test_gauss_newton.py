@@ -1,16 +1,32 @@
 """Gauss-Newton steps against least squares of scipy, and motions whose derivatives mislead."""
 
+from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 
 from mjrun.fitting.gauss_newton import GaussNewton, is_rough, solve_normal
+from mjrun.fitting.measurements import LogSegment, first_noise
 from mjrun.fitting.prediction import ChunkInitialStates, ChunkRolloutInputs
 from mjrun.fitting.shooting_problem import STATE_SCALE, ShootingProblem, together
 from tests.fitting.box import FRICTION, box_shooting
 from tests.fitting.logs import NOISE
-from tests.fitting.problems import THREE, predictor_of, segments, shooting, solved
+from tests.fitting.problems import THREE, predictor_of, segments, shooting, shooting_of, solved
+
+DOUBLE = """<mujoco>
+  <option timestep="0.002" integrator="implicitfast"/>
+  <default><geom contype="0" conaffinity="0"/></default>
+  <worldbody><body>
+    <joint name="one" axis="0 1 0" damping="{one}"/>
+    <geom type="capsule" fromto="0 0 0 0 0 -.4" size=".02" mass="1"/>
+    <body pos="0 0 -.4">
+      <joint name="two" axis="0 1 0" damping="{two}"/>
+      <geom name="tip" type="capsule" fromto="0 0 0 0 0 -.3" size=".02" mass="{mass}"/>
+    </body>
+  </body></worldbody>
+</mujoco>"""
 
 
 @pytest.mark.parametrize("loss", ["linear", "huber"])
@@ -34,6 +50,27 @@ def test_it_ends_where_scipy_does(loss: str) -> None:
     bounds = ([0, 0, -np.inf, -np.inf], [1, 1, np.inf, np.inf])
     expected = least_squares(residuals, start, bounds=bounds, x_scale="jac", loss=loss, xtol=1e-12, ftol=1e-12)
     np.testing.assert_allclose(solution.coordinates, expected.x[:2], atol=2e-4)
+
+
+def test_it_follows_a_curved_valley_to_its_end(tmp_path: Path) -> None:
+    """Of a log that hardly shows the damping of a joint, each step gains little of the sum of squares."""
+    generator = np.random.default_rng(6)
+    model = mujoco.MjModel.from_xml_string(DOUBLE.format(one=0.03, two=0.02, mass=0.6))
+    data = mujoco.MjData(model)
+    data.qpos[:] = generator.uniform(-1.3, 1.3, 2)
+    angles = np.empty((300, 2))
+    for row in angles:
+        row[:] = data.qpos
+        mujoco.mj_step(model, data, nstep=5)
+    angles += NOISE * generator.normal(size=angles.shape)
+    log = LogSegment("log", np.arange(240) * 0.01, angles[:240], np.zeros((240, 0)))
+    (tmp_path / "double.xml").write_text(DOUBLE.format(one=0.1, two=0.005, mass=0.4))
+    free = (("joint/one.damping", "log:1e-3..1"), ("joint/two.damping", "log:1e-3..1"), ("geom/tip.mass", "0.1..2"))
+    shoot, _, _, parameters = shooting_of(tmp_path / "double.xml", free, ["qpos/one", "qpos/two"], [], log)
+    noise = first_noise([log.values])
+    end = shoot.search([log], [np.array([each.first_coordinate for each in parameters])], noise).best
+    again = shoot.solve(end.chunks, end.coordinates, end.states, noise)
+    assert 240 * (end.cost**2 - again.cost**2) < 0.5
 
 
 def test_parameters_stop_at_their_bounds() -> None:
