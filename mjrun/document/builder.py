@@ -7,14 +7,13 @@ import dataclasses
 import errno
 import os
 import sys
-from collections.abc import Callable, Collection, Generator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Callable, Collection, Generator, Mapping
+from contextlib import contextmanager
 from dataclasses import field
 from pathlib import Path, PurePosixPath
-from typing import Generic, TypeVar, cast
+from typing import TypeVar
 
 from mjrun.dataclass import dataclass
-from mjrun.document.reader import read
 from mjrun.document.tree import (
     DeclaredAt,
     DocumentFault,
@@ -29,10 +28,7 @@ from mjrun.model.sources import is_file
 from mjrun.options.kinds import AnyKind, CameraKind, GhostKind, MujocoNameKind, ReadingContext, TextKind
 from mjrun.options.number_kinds import InstantKind
 from mjrun.options.option import Options, document_key, document_options, requirements_of
-from mjrun.options.simulation import CodeOptions, SimulationOptions
-from mjrun.options.structured_kinds import OptionsMappingKind
 from mjrun.outputs.output import ReservedFiles
-from mjrun.simulation.simulation import Simulation
 from mjrun.suffixes import MODELS, is_url
 
 MODEL = document_key(
@@ -173,16 +169,6 @@ class DocumentValueBuilder:
         if self._faults or self.folders.problems:
             raise document_error(self._faults, self.folders.problems)
 
-    def simulation(self, document: Values, code: CodeOptions) -> Simulation:
-        """Returns the simulation at the top level of a document, controlled by `code`."""
-        values = values_of(SimulationOptions, document)
-        values |= {"controller": code.controller, "control_dt": code.control_dt, "trust": code.trust}
-        from mjrun.document.task import task_or_model  # which builds a task
-
-        text = self.folders.model(str(document["model"]))
-        simulation = cast("Callable[..., Simulation]", Simulation)
-        return self.attempt((), lambda: simulation(task_or_model(text), **values)) or Simulation("")
-
     def made(self, make: Callable[[], T]) -> T:
         """Calls `make` and returns its value.
 
@@ -261,87 +247,3 @@ def located_errors(
         if not error.path or error.path[0] in overriding:
             raise
         raise document_error([option_fault(tree, (), error, declared_at)]) from error
-
-
-Made = TypeVar("Made")
-
-
-class LoadedDocument(Generic[Made]):
-    """A document that was read: the value that it describes, with a context that locates its errors.
-
-    Attributes:
-      made: the study, fit or evaluation, ready to run.
-    """
-
-    def __init__(self, made: Made, located: Callable[[], AbstractContextManager[None]]) -> None:
-        self.made, self.located = made, located
-
-
-class SimulationDocumentReader(Generic[Made]):
-    """A reader of one kind of documents about simulations.
-
-    Args:
-      name: the name of the product.
-      declared: its options in addition to those of a simulation; `output` may be left out.
-      every: these options and those of a simulation.
-      make: makes the product from a simulation and these options.
-
-    Attributes:
-      record: the form of the documents.
-    """
-
-    def __init__(self, name: str, declared: type[Options], every: type[Options], make: Callable[..., Made]) -> None:
-        self._declared, self._every, self._make = declared, every, make
-        self.record = OptionsMappingKind[Values](
-            every, dict, name=name, more=[MODEL], optional=["output"], is_partial=True
-        )
-
-    def declared_at(self, place: DocumentPath) -> type[Options]:
-        """Returns the options at a place of such a document."""
-        return self._every
-
-    def read(
-        self,
-        path: Path | str,
-        assignments: Sequence[str],
-        values: Mapping[str, object],
-        defaults: Mapping[str, object],
-        code: CodeOptions,
-    ) -> LoadedDocument[Made]:
-        """Reads the document at `path`.
-
-        Input files are relative to the folder of the document, output files to the current one.
-
-        Args:
-          assignments: `key=value`, which override the document.
-          values: options that override the document's.
-          defaults: options for keys that the document leaves out.
-          code: options that a document cannot contain.
-
-        Raises:
-          DocumentError: the document, one that it names or an assignment is faulty; all faults are listed.
-          FileError: one of them is missing or cannot be read.
-        """
-        folders = DocumentContext(Path(path).parent)
-        document, tree = read(path, self.record, folders, assignments, variables=True)
-        made = self.made(tree, folders, document, defaults, values, code)
-        return LoadedDocument(made, lambda: located_errors(tree, folders, self.declared_at, values))
-
-    def made(
-        self,
-        tree: MappingNode,
-        folders: DocumentContext,
-        document: Values,
-        defaults: Mapping[str, object],
-        values: Mapping[str, object],
-        code: CodeOptions,
-    ) -> Made:
-        """Makes the product from the contents of a document.
-
-        Raises:
-          DocumentError: the document is faulty; all faults are listed.
-        """
-        builder = DocumentValueBuilder(tree, folders, self.declared_at, values)
-        simulation: Simulation = builder.simulation(document, code)
-        chosen = {**defaults, **merged_values(self._declared, tree, document, values)}
-        return builder.made(lambda: self._make(simulation, **chosen))

@@ -18,16 +18,10 @@ from functools import partial
 from pathlib import Path
 from typing import cast
 
-from mjrun.document.builder import (
-    DocumentContext,
-    DocumentValueBuilder,
-    LoadedDocument,
-    Values,
-    located_errors,
-    merged_values,
-)
+from mjrun.document.builder import DocumentContext, DocumentValueBuilder, Values, located_errors, merged_values
 from mjrun.document.reader import read
 from mjrun.document.run_writer import plain_options, plain_value, text_of
+from mjrun.document.simulation_document import LoadedDocument
 from mjrun.document.task import read_task
 from mjrun.document.tree import DocumentPath, Mapped
 from mjrun.errors import UsageError, clean, concerning, option

@@ -28,6 +28,7 @@ from typing import cast
 
 from mjrun.document.builder import MODEL, DocumentContext, DocumentValueBuilder, OutputFolder, Values, values_of
 from mjrun.document.reader import read
+from mjrun.document.simulation_document import simulation_at_top
 from mjrun.document.tree import (
     DocumentFault,
     DocumentPath,
@@ -180,7 +181,7 @@ class _Builder(DocumentValueBuilder):
 
     def requests(self, document: Values) -> dict[DocumentPath, OutputRequest[OutputResult]]:
         """Returns all requests by their places in the document."""
-        simulation = self.simulation(document, self._options)
+        simulation = simulation_at_top(self, document, self._options)
         requests: dict[DocumentPath, OutputRequest[OutputResult]] = {}
         for key in OUTPUTS:
             for index, entry in enumerate(cast("Sequence[Values | str]", document.get(key, ()))):

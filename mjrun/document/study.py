@@ -21,8 +21,9 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TypeVar, cast
 
-from mjrun.document.builder import DocumentContext, LoadedDocument, SimulationDocumentReader, Values
+from mjrun.document.builder import DocumentContext, Values
 from mjrun.document.run_writer import plain_options, plain_value, simulation_document, text_of
+from mjrun.document.simulation_document import LoadedDocument, SimulationDocumentReader
 from mjrun.document.tree import (
     DocumentFault,
     DocumentPlace,

@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from mjrun.document.builder import DocumentContext, DocumentValueBuilder, OutputFolder, SimulationDocumentReader
+from mjrun.document.builder import DocumentContext, DocumentValueBuilder, OutputFolder
 from mjrun.document.run import read_run
+from mjrun.document.simulation_document import SimulationDocumentReader
 from mjrun.document.tree import DocumentPlace, MappingNode, option_fault
 from mjrun.document.yaml_text import LineIndex, compose
 from mjrun.errors import DocumentError, UsageError
