@@ -52,7 +52,8 @@ from mjrun.packages import require_all
 from mjrun.reporter import PythonApiReporter, Reporter
 from mjrun.simulation.simulation import Simulation, require_simulation, require_without
 
-MISFIT = 2.0  # reduced χ² above which the user is warned
+MISFIT = 1.4  # reduced χ² below which the user is never warned
+CHANCE, CHANCE_OF_MEDIANS = 5.0, 7.0  # log χ² of n numbers that noise alone hardly ever exceeds, in √(2 / n)
 HOPELESS, HOPELESS_SHARE = 10.0, 0.1  # residual over noise, and over the spread of a signal, above which a fit fails
 LEAST = 1e-5  # least noise of a signal that counts, as a share of its standard deviation
 BLOCKS = 20  # blocks of held-out data whose errors are assumed to be independent
@@ -88,6 +89,7 @@ class NoiseRatios:
       ratios: residual over noise of each signal, `(signals,)`.
       shares: residual over spread of each signal, `(signals,)`.
       reduced: reduced χ², about 1 if the model explains all but noise.
+      limit: reduced χ² that noise alone hardly ever exceeds.
       loss: loss function of the residuals.
       estimate: parameters and their errors if contacts make the motion rough.
       correlation: largest correlation of the noise of consecutive samples of a signal.
@@ -99,15 +101,21 @@ class NoiseRatios:
     ratios: Floats
     shares: Floats
     reduced: float
+    limit: float
     loss: str
     estimate: RoughMotionEstimate | None
     correlation: float = 0.0
     is_smooth: bool = False
 
+    @property
+    def is_beyond_noise(self) -> bool:
+        """True if residuals are larger than noise alone explains."""
+        return self.reduced >= self.limit
+
     def warning(self) -> str | None:
         """Returns a sentence on a misfit, or None."""
         lack = self.estimate.lack if self.estimate else None
-        if not lack and (self.reduced < MISFIT or self.remark()):
+        if not lack and (not self.is_beyond_noise or self.remark()):
             return None
         reason = "the model lacks something"
         size = f"if the noise is larger than the high frequencies of the log suggest, set {option('noise')}"
@@ -136,7 +144,7 @@ class NoiseRatios:
 
     def remark(self) -> str | None:
         """Returns a sentence on residuals beyond the noise that contacts alone may cause, or None."""
-        if self.reduced < MISFIT or not (self.estimate and self.estimate.is_likely) or self.estimate.lack:
+        if not self.is_beyond_noise or not (self.estimate and self.estimate.is_likely) or self.estimate.lack:
             return None
         return (
             f"contacts make the motion rough: simulations of it differ from each other as much as from the log, so a "
@@ -176,6 +184,9 @@ def misfit(
     larger than high frequencies of the residuals show. These show only a share of noise that is correlated from sample
     to sample, so that it is larger.
 
+    The fewer numbers are measured, the more χ² varies by chance, also because the noise is estimated from them; more so
+    with robust losses, which use medians. All signals count alike in it, so those with few samples decide.
+
     Args:
       noise: standard deviation of the noise of each signal, `(signals,)`, as that of white noise.
       set_by_user: indices of the signals whose noise the user has set.
@@ -191,13 +202,19 @@ def misfit(
     noise = noise / shared(np.sqrt(visible_share(correlations)), rotations)
     spread = shared(spread_of(values, solution.loss), rotations)
     ratios = left / np.maximum(noise, LEAST * spread)
-    numbers = sum(int(np.isfinite(each).sum()) for each in solution.residuals)
-    reduced = float((ratios**2).mean()) * numbers / max(numbers - solution.unknowns, 1)
+    counts = np.sum([np.isfinite(each).sum(axis=0) for each in solution.residuals], axis=0)
+    lost = counts.sum() / max(counts.sum() - solution.unknowns, 1)
+    reduced = float((ratios**2).mean() * lost)
+    scatter = np.sqrt(2 * lost * (1 / np.maximum(counts, 1)).mean() / len(counts))
+    chance = CHANCE if solution.loss == "linear" else CHANCE_OF_MEDIANS
+    limit = max(MISFIT, float(np.exp(chance * scatter)))
     shares = left / np.where(spread > 0, spread, np.nan)
     correlation = float(correlations.max())
-    beyond = is_estimated & (ratios**2 >= MISFIT)
-    is_smooth = bool((beyond & (left**2 >= MISFIT * visible**2)).any())
-    return NoiseRatios(left, noise, ratios, shares, reduced, solution.loss, solution.estimate, correlation, is_smooth)
+    beyond = is_estimated & (ratios**2 >= limit)
+    is_smooth = bool((beyond & (left**2 >= limit * visible**2)).any())
+    return NoiseRatios(
+        left, noise, ratios, shares, reduced, limit, solution.loss, solution.estimate, correlation, is_smooth
+    )
 
 
 def _correlations(solution: Solution) -> Floats:
@@ -373,7 +390,7 @@ class _Run:
         failures = self._predictor.failures.sentence(self._parameters)
         hints = [each for each in (left.warning(), failures) if each]
         reasons = [left.refusal(self._predictor.columns)]
-        if left.reduced >= MISFIT:
+        if left.is_beyond_noise:
             reasons.append(all_at_bounds([each.path for each in self._parameters], last.coordinates))
         if why := next((each for each in reasons if each), None):
             raise UnimprovedFitError(f"{why}\nnothing was written")

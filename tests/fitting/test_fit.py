@@ -1,5 +1,6 @@
 """Whole fits, from tables to files."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -199,6 +200,23 @@ def test_what_the_model_lacks_is_warned_of_in_text_and_report(tmp_path: Path) ->
     with pytest.warns(MjrunWarning, match="beyond the noise of the log"):
         again = replace(fit, noise=(("qpos/*", "0.0005"),)).run()
     assert again.reduced_chi2 > 4 * result.reduced_chi2
+
+
+@pytest.mark.parametrize(
+    ("seconds", "every", "seed", "friction", "is_warned"), [(3.0, 5, 0, 0.012, True), (0.4, 10, 10, 0.0, False)]
+)
+def test_a_small_lack_shows_in_a_long_log_and_chance_is_no_lack_in_a_short_one(
+    tmp_path: Path, seconds: float, every: int, seed: int, friction: float, is_warned: bool
+) -> None:
+    """The reduced χ² is 1.9 in 300 rows with friction that the model lacks, and 2.4 in 20 rows of a right model."""
+    times, angles = simulate(seconds, every=every, frictionloss=friction)
+    data = [str(write_log(tmp_path / "log.csv", {"time": times, "qpos/hinge": noisy(angles, seed)}))]
+    model = write_model(tmp_path, damping=0.2, armature=TRUTH["armature"], frictionloss=0.0)
+    fit = Fit(Simulation(str(model)), data=data, free=THREE[:1], starts=1, holdout=0)
+    with pytest.warns(MjrunWarning, match="beyond the noise of the log") if is_warned else nullcontext():
+        result = fit.run()
+    low, high = result.parameters[0].low, result.parameters[0].high
+    assert (low <= TRUTH["damping"] <= high) != is_warned
 
 
 def test_a_log_that_no_values_explain_is_refused(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ import pytest
 from scipy import signal
 
 from mjrun.fitting.fit import all_at_bounds, improvement, misfit
+from mjrun.fitting.measurements import first_noise
 from mjrun.fitting.shooting_problem import ModelLack, RoughMotionEstimate, Solution
 from mjrun.model.table_column import Column
 from tests.fitting.problems import solved
@@ -46,6 +47,32 @@ def test_reduced_chi_square_is_that_of_the_noise_that_is_known() -> None:
     assert "joint/*.damping" in (doubled.warning() or "")
     assert "huber" in (doubled.warning() or "")
     assert "huber" not in (misfit(replace(solution, loss="cauchy"), solution.noise / 2, ()).warning() or "huber")
+
+
+@pytest.mark.parametrize("loss", ["linear", "huber"])
+@pytest.mark.parametrize("size", [16, 40, 240])
+def test_noise_alone_is_hardly_ever_beyond_the_noise_however_short_a_log_is(size: int, loss: str) -> None:
+    base, accused = replace(solved()[0], loss=loss), 0
+    for seed in range(200):
+        white, times = noise(seed)[:size], np.linspace(-1, 1, size)
+        smooth = np.polynomial.polynomial.polyvander(times, base.unknowns - 1)
+        left = white - smooth @ np.linalg.lstsq(smooth, white)[0]  # as after a fit
+        seen = first_noise([white]) * base.noise
+        accused += misfit(replace(base, residuals=[left]), seen, ()).is_beyond_noise
+    assert accused <= 2
+
+
+def test_signals_with_few_samples_decide_how_much_chance_explains() -> None:
+    base, limits = solved()[0], list[float]()
+    chunk = base.chunks[0]
+    for count in (len(noise(0)), 20):
+        both = np.concatenate([noise(0), noise(1)], axis=1)
+        both[count:, 1] = np.nan
+        chunks = [replace(chunk, segment=replace(chunk.segment, values=np.repeat(chunk.segment.values, 2, axis=1)))]
+        solution = replace(base, chunks=chunks, residuals=[both], noise=np.repeat(base.noise, 2))
+        limits.append(misfit(solution, solution.noise, ()).limit)
+    assert limits[0] == pytest.approx(1.4, abs=0.1)
+    assert limits[1] > 2
 
 
 def test_noise_that_is_correlated_is_no_misfit_unless_its_size_is_known() -> None:
