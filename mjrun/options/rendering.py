@@ -99,8 +99,37 @@ class RendererOptions(BackendOptions):
 
 
 @options
-class VisibleSceneOptions(RendererOptions):
-    """Cameras and visible objects."""
+class DecorationOptions(RendererOptions):
+    """Decorations: additions to the scene, which only images of colour show."""
+
+    section: ClassVar[str] = "View"
+    requirements: ClassVar[tuple[OptionRequirement, ...]] = (
+        OptionRequirement("trail_span", "trail", "whose length it limits"),
+    )
+
+    trail: tuple[str, ...] = option(
+        converter=OneOrMoreKind(TextKind("OBJECT,…")),
+        default=(),
+        help="Bodies, geoms or sites whose paths are drawn, wider and in warmer colours where the speed is higher.",
+    )
+    trail_span: Fraction | None = option(
+        converter=optional(ExactNumberKind("SECONDS")),
+        default=None,
+        usual="all",
+        help="Duration of the motion that a trail shows [s].",
+    )
+    ghost: tuple[str, ...] = option(
+        converter=OneOrMoreKind(GhostKind()),
+        default=(),
+        help="Translucent copy of the model, without flexes and skins: offset=0/1/0, opacity=.3. It shows the pose of "
+        "a keyframe, key=NAME; the motion of a recording, recording=FILE; or that of a table of positions, trace=FILE, "
+        "with map=FILE or --map.",
+    )
+
+
+@options
+class SceneOptions(DecorationOptions):
+    """Cameras, visible objects, and decorations."""
 
     section: ClassVar[str] = "View"
     exclusions: ClassVar[tuple[OptionExclusion, ...]] = (
@@ -166,40 +195,10 @@ class VisibleSceneOptions(RendererOptions):
     )
 
 
-@options
-class SceneOptions(VisibleSceneOptions):
-    """Cameras, visible objects, and decorations: additions to the scene, which only images of colour show."""
-
-    section: ClassVar[str] = "View"
-    requirements: ClassVar[tuple[OptionRequirement, ...]] = (
-        OptionRequirement("trail_span", "trail", "whose length it limits"),
-    )
-
-    trail: tuple[str, ...] = option(
-        converter=OneOrMoreKind(TextKind("OBJECT,…")),
-        default=(),
-        help="Bodies, geoms or sites whose paths are drawn, wider and in warmer colours where the speed is higher.",
-    )
-    trail_span: Fraction | None = option(
-        converter=optional(ExactNumberKind("SECONDS")),
-        default=None,
-        usual="all",
-        help="Duration of the motion that a trail shows [s].",
-    )
-    ghost: tuple[str, ...] = option(
-        converter=OneOrMoreKind(GhostKind()),
-        default=(),
-        help="Translucent copy of the model, without flexes and skins: offset=0/1/0, opacity=.3. It shows the pose of "
-        "a keyframe, key=NAME; the motion of a recording, recording=FILE; or that of a table of positions, trace=FILE, "
-        "with map=FILE or --map.",
-    )
-
-
 def decoration_options(options: SceneOptions) -> list[str]:
     """Returns the attributes of the decorations that `options` request."""
-    undecorated = {each.name for each in options_of(VisibleSceneOptions)}
-    added = (each.name for each in options_of(SceneOptions) if each.name not in undecorated)
-    return [name for name in added if is_given(options, name)]
+    others = {each.name for each in options_of(RendererOptions)}
+    return [e.name for e in options_of(DecorationOptions) if e.name not in others and is_given(options, e.name)]
 
 
 @options

@@ -21,7 +21,7 @@ from mjrun.diff.sentences import table_sentences
 from mjrun.diff.table_files import RecognizedResultTable, compare_tables, is_results, result_manifest, table_path
 from mjrun.errors import CellError, FileError, UnknownNameError, UsageError
 from mjrun.experiment.design import Design
-from mjrun.formats import number_text
+from mjrun.formats import text_lines
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import csv as csv_format
 from mjrun.model.table_column import Column
@@ -301,8 +301,8 @@ def test_lines_that_are_passed_over_change_nothing(
     size: int,
     align: str | None,
 ) -> None:
-    monkeypatch.setattr(number_text, "BYTES", size)
-    monkeypatch.setattr(number_text, "COMPARED", 4 * size)
+    monkeypatch.setattr(text_lines, "BYTES", size)
+    monkeypatch.setattr(text_lines, "COMPARED", 4 * size)
 
     def edited(edits: list[tuple[str, int]]) -> np.ndarray:
         table = rows(80)
@@ -424,7 +424,7 @@ def test_a_difference_is_in_its_row_where_the_lines_of_csv_are_parsed_in_several
 ) -> None:
     count = 4000
     monkeypatch.setattr(tables, "ENOUGH", 1000)
-    monkeypatch.setattr(number_text, "BYTES", 2**14)
+    monkeypatch.setattr(text_lines, "BYTES", 2**14)
     lines = [f"{time},7,nan" for time in range(10000, 10000 + count)]
     a = tmp_path / "a.csv"
     a.write_text("\n".join(["time,x,gap", *lines, ""]))

@@ -177,7 +177,7 @@ def test_videos_of_one_pass_share_one_group_of_workers(
         folder.mkdir()
         return [
             Video(simulation, f"{folder}/a/", size=SIZE, camera="side", jobs=count),
-            Video(simulation, f"{folder}/b/", size=(32, 24), view="depth", trail=["ball"], jobs=1),
+            Video(simulation, f"{folder}/b/", size=(32, 24), view="depth", jobs=1),
             Video(simulation, f"{folder}/c/", size=SIZE, camera=event, text="{frame}", jobs=count),
         ]
 

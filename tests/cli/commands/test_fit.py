@@ -21,7 +21,8 @@ from tests.processes import PATIENCE
 if TYPE_CHECKING:
     from tests.conftest import Command
 
-FREE = ("--free", "joint/hinge.damping=log:1e-3..1", "--free", "joint/hinge.armature=log:1e-3..1", "--starts", "1")
+RANGES = ("--free", "joint/hinge.damping=log:1e-3..1", "--free", "joint/hinge.armature=log:1e-3..1")
+FREE = (*RANGES, "--starts", "1")
 
 
 # Tells at once that it is at work, and then waits for a signal.
@@ -84,13 +85,13 @@ def test_wrong_usage_exits_with_2(mjrun_here: Command) -> None:
 def test_an_input_is_written_before_anything_is_measured(mjrun_here: Command) -> None:
     model, _ = prepared(mjrun_here)
     limits = ("--set", "actuator/motor.ctrlrange=-1,1", "--set", "actuator/motor.ctrllimited=true")
-    done = mjrun_here("fit", model, *FREE, "--excite", "chirp.csv", *limits, "--duration", "2", "--json")
+    done = mjrun_here("fit", model, *RANGES, "--excite", "chirp.csv", *limits, "--duration", "2", "--json")
     assert (done.returncode, done.stderr) == (0, b"")
     report = json.loads(done.stdout)
     assert report["schema"] == "mjrun-excite-1"
     assert report["files"] == ["chirp.csv"]
     assert (mjrun_here.folder / "chirp.csv").read_bytes().startswith(b"time,ctrl/motor\n")
-    done = mjrun_here("fit", model, "log.csv", *FREE, "--excite", "chirp.csv", *limits)
+    done = mjrun_here("fit", model, "log.csv", *RANGES, "--excite", "chirp.csv", *limits)
     assert done.returncode == 2
     assert b"precedes measurements" in done.stderr
 

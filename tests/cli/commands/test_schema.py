@@ -122,7 +122,7 @@ PRINTED: dict[str, tuple[str, ...]] = {
     "bench": ("bench", "one.xml", "--steps", "20", "--repeats", "2", "--budget", "0.1"),
     "diff": ("diff", "a.csv", "b.csv"),
     "eval": ("eval", "scene:pendulum_swing_up", "--policy", "zero", "--episodes", "2", "--jobs", "1", "-o", "e"),
-    "excite": ("fit", "one.xml", *FREE, "--excite", "chirp.csv", "--duration", "0.5"),
+    "excite": ("fit", "one.xml", *FREE[:2], "--excite", "chirp.csv", "--duration", "0.5"),
     "fit": ("fit", "one.xml", "log.csv", *FREE),
     "info": ("info", "one.xml"),
     "info-task": ("info", "scene:pendulum_swing_up", "observations"),
