@@ -51,7 +51,7 @@ def write_study_page(
     failed = result.points - result.statuses.get("ok", 0)
     shown = {"model": {"path": model, "sha256": facts["model"]}, "engine": ENGINES[str(facts["engine"])]}
     page = Page(
-        title=f"{clean(Path(result.path).name)}: study of {clean(model)}",
+        title=f"{clean(Path(result.path).name)}: study of {clean(Path(model).name)}",
         maker=MAKER,
         verdict=(not failed, f"{result.points:,} points: {statuses}"),
         verdicts=[(result.path, verdict) for verdict in result.assertions],

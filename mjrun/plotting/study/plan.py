@@ -340,7 +340,7 @@ class StudyFigurePlan:
     def _parallel(self, parameters: Sequence[Parameter]) -> DrawnStudyFigure:
         """Plans parallel coordinates, and how much each metric depends on each parameter."""
         self._refuse_curve_options("parallel coordinates")
-        first = self._metrics[0]
+        first = next((each for each in self._metrics if np.isfinite(each.values).any()), self._metrics[0])
         values = np.column_stack([*(each.values for each in parameters), first.values])
         from_middle = np.nan_to_num(np.abs(ranks(first.values) - 0.5), nan=-1.0)
         order = np.argsort(from_middle, kind="stable")  # failed points first, and the extremes last, on top
@@ -441,14 +441,15 @@ class StudyFigurePlan:
                 )
 
     def _shown(self, metrics: Sequence[MetricValues]) -> list[MetricValues]:
-        """Returns the metrics to draw, and notes those without any value."""
-        empty = [each.name for each in metrics if not np.isfinite(each.values).any()]
+        """Returns the metrics to draw, those with values if there are any, and notes the others."""
+        filled = [each for each in metrics if np.isfinite(each.values).any()]
+        empty = [each.name for each in metrics if each not in filled]
         if empty:
             self.notes.append(f"{listing(empty)}: no point has a value")
         left = [each.name for each in self._metrics if each not in metrics]
         if left:
             self.notes.append(f"{listing(left)} left out; choose with {option('y')}")
-        return list(metrics)
+        return filled or list(metrics)
 
     def _failures(self, x: np.ndarray) -> list[FailedPoints]:
         """Returns the failed points, by status."""

@@ -217,6 +217,16 @@ def test_lines_of_many_points_are_chosen_evenly() -> None:
     assert plan.notes == ["4000 of 9000 points have a line, evenly chosen"]
 
 
+def test_a_metric_without_values_is_noted_and_the_others_are_drawn() -> None:
+    draws = np.random.default_rng(1).uniform(size=(4, 40))
+    study = results(dict(zip("abcd", draws, strict=True)), {"fell": np.full(40, np.nan), "height": draws[0]})
+    plan = StudyFigurePlan(study, FigureOptions())
+    assert [panel.label for panel in plan.drawing.panels] == ["height"]
+    assert plan.drawing.above is not None
+    assert plan.drawing.above.scales[-1].name == "height"
+    assert plan.notes == ["fell: no point has a value"]
+
+
 def test_what_cannot_be_shown_is_reported() -> None:
     a, z = np.arange(3.0), np.full(3, np.nan)
     with pytest.raises(UsageError, match="no metrics"):
