@@ -80,7 +80,7 @@ Partial = Callable[[FitResult], None]
 
 
 @dataclass(frozen=True, eq=False)
-class NoiseRatios:
+class GoodnessOfFit:
     """Residuals of a fit compared with the noise of the log.
 
     Attributes:
@@ -177,7 +177,7 @@ class NoiseRatios:
 
 def misfit(
     solution: Solution, noise: Floats, rotations: Sequence[Sequence[int]], set_by_user: Collection[int] = ()
-) -> NoiseRatios:
+) -> GoodnessOfFit:
     """Compares the residuals of a solution with the noise of the log.
 
     High frequencies of a log also contain those of the motion, under random controls or at impacts, so the noise is not
@@ -212,7 +212,7 @@ def misfit(
     correlation = float(correlations.max())
     beyond = is_estimated & (ratios**2 >= limit)
     is_smooth = bool((beyond & (left**2 >= limit * visible**2)).any())
-    return NoiseRatios(
+    return GoodnessOfFit(
         left, noise, ratios, shares, reduced, limit, solution.loss, solution.estimate, correlation, is_smooth
     )
 
@@ -557,7 +557,7 @@ class _Run:
         self,
         last: Solution,
         sensitivities: Sensitivity,
-        left: NoiseRatios,
+        left: GoodnessOfFit,
         comparisons: Solutions,
         ways: Sequence[str],
         hints: Sequence[str],
@@ -593,7 +593,7 @@ class _Run:
             partial,
         )
 
-    def _signals(self, last: Solution, left: NoiseRatios, comparisons: Solutions) -> list[FittedSignal]:
+    def _signals(self, last: Solution, left: GoodnessOfFit, comparisons: Solutions) -> list[FittedSignal]:
         errors = {key: _errors(solution, self._measurements.rotations) for key, solution in comparisons.items()}
         missing = np.full(len(self._measurements.signals), np.nan)
         rows = [

@@ -37,7 +37,7 @@ PENALTY = 1e3  # residual where a simulation fails, in standard deviations of th
 
 
 @dataclass(frozen=True)
-class ModelLack:
+class UnmodelledEffect:
     """A change of the model that explains a log better, beside all values of the parameters.
 
     Attributes:
@@ -65,7 +65,7 @@ class RoughMotionEstimate:
 
     draws: Floats
     probability: float
-    lack: ModelLack | None = None
+    lack: UnmodelledEffect | None = None
     correlations: Floats | None = None
 
     @property

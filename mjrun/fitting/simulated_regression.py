@@ -23,12 +23,12 @@ from mjrun.fitting.shooting_problem import (
     PENALTY,
     Advanced,
     Floats,
-    ModelLack,
     RoughMotionEstimate,
     ShootingProblem,
     Simulating,
     Solution,
     Unknowns,
+    UnmodelledEffect,
     loss_weights,
 )
 from mjrun.model.override import Override
@@ -181,7 +181,7 @@ class RegressionSearch:
         self._whiten(self._last)
         return nearest, RoughMotionEstimate(draws, probability, correlations=correlations)
 
-    def lack(self, changes: Sequence[Override]) -> Simulating[ModelLack | None]:
+    def lack(self, changes: Sequence[Override]) -> Simulating[UnmodelledEffect | None]:
         """Returns the change of the model that the log shows most clearly, or None; after an estimate.
 
         This is a score test: of how simulations change, only what the unknowns cannot compensate for counts, and the
@@ -191,10 +191,10 @@ class RegressionSearch:
         Args:
           changes: changes whose sizes change simulations about linearly.
         """
-        shown = list[ModelLack]()
+        shown = list[UnmodelledEffect]()
         for change in changes:
             size, deviations = yield from self._shown(change)
-            shown.append(ModelLack(change.path, size * float(change.value), deviations))
+            shown.append(UnmodelledEffect(change.path, size * float(change.value), deviations))
         most = max(shown, key=lambda each: each.deviations, default=None)
         return most if most and most.deviations > CERTAIN else None
 
@@ -417,7 +417,7 @@ class CorrelatedNoise:
     correlations: Floats
     gains: Floats
 
-    def explains_more(self, lack: ModelLack | None) -> bool:
+    def explains_more(self, lack: UnmodelledEffect | None) -> bool:
         """Returns whether such noise explains the log much better than what the model may lack beside white noise."""
         return float(self.gains.sum()) > (LEAST_RATIO * lack.deviations**2 if lack else 0.0)
 

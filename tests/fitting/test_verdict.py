@@ -8,7 +8,7 @@ from scipy import signal
 
 from mjrun.fitting.fit import all_at_bounds, improvement, misfit
 from mjrun.fitting.measurements import first_noise
-from mjrun.fitting.shooting_problem import ModelLack, RoughMotionEstimate, Solution
+from mjrun.fitting.shooting_problem import RoughMotionEstimate, Solution, UnmodelledEffect
 from mjrun.model.table_column import Column
 from tests.fitting.problems import solved
 
@@ -39,7 +39,9 @@ def test_reduced_chi_square_is_that_of_the_noise_that_is_known() -> None:
         assert ("contacts" in (residuals.warning() or "")) == warned
         assert ("contacts alone" in (residuals.remark() or "")) == (not warned)
     assert misfit(rough, solution.noise, ()).remark() is None
-    lacking = replace(rough, estimate=RoughMotionEstimate(np.full((9, 3), 0.5), 0.5, ModelLack("add:x", 0.2, 5.0)))
+    lacking = replace(
+        rough, estimate=RoughMotionEstimate(np.full((9, 3), 0.5), 0.5, UnmodelledEffect("add:x", 0.2, 5.0))
+    )
     for noise_size in (solution.noise, solution.noise / 2):
         assert "add:x=0..0.8" in (misfit(lacking, noise_size, ()).warning() or "")
         assert misfit(lacking, noise_size, ()).remark() is None

@@ -34,6 +34,7 @@ pytestmark = pytest.mark.slow
 SIZE = (96, 64)
 EXACT = ("depth", "seg")
 ROOM = mjcf("room")
+ROUNDED = 10  # times larger are errors of depth on a GPU, which rounds corners to 1/256 of a pixel
 
 
 @pytest.fixture(scope="module")
@@ -146,7 +147,7 @@ def rays(model: mujoco.MjModel, data: mujoco.MjData, picture: CameraImages) -> I
 
 
 @pytest.mark.parametrize("camera", ["side", "shifted", "flat", "free"])
-def test_depth_and_ids_are_those_of_rays(room: mujoco.MjModel, draw: Draw, camera: str) -> None:
+def test_depth_and_ids_are_those_of_rays(room: mujoco.MjModel, draw: Draw, vulkan: WorkingBackend, camera: str) -> None:
     # What rays see is what geoms alone would be: no wholly transparent ones, no sites, no tendons.
     options: dict = {"groups": {"site": (), "tendon": (), "geom": (0, 4)}}
     picture, data = draw(room, EXACT, camera, **options), after(room, 5)
@@ -158,7 +159,7 @@ def test_depth_and_ids_are_those_of_rays(room: mujoco.MjModel, draw: Draw, camer
         count += 1
         if ids[y, x] == geom:  # but at edges
             agreed += 1
-            assert depth[y, x] == pytest.approx(distance, rel=1e-5)
+            assert depth[y, x] == pytest.approx(distance, rel=1e-5 if vulkan.software else ROUNDED * 1e-5)
     assert agreed >= 0.97 * count > 200
 
 
@@ -173,14 +174,15 @@ def test_depth_and_ids_are_those_of_rays(room: mujoco.MjModel, draw: Draw, camer
     ids=str,
 )
 def test_what_is_shown_and_hidden_is_what_the_classic_renderer_shows(
-    room: mujoco.MjModel, draw: Draw, classic: Draw, visual: dict
+    room: mujoco.MjModel, draw: Draw, vulkan: WorkingBackend, classic: Draw, visual: dict
 ) -> None:
     (depth, ids), (expected_depth, expected_ids) = (exact(d(room, EXACT, **visual)) for d in (draw, classic))
     same = ids == expected_ids
     assert same.mean() > 0.99
     assert len(np.unique(expected_ids)) > 2
     seen = same & (ids >= 0)
-    assert np.median(np.abs(depth[seen] / expected_depth[seen] - 1)) < 1e-5
+    error = 1e-5 if vulkan.software else ROUNDED * 1e-5
+    assert np.median(np.abs(depth[seen] / expected_depth[seen] - 1)) < error
     assert np.isinf(depth[ids < 0]).all()
 
 
