@@ -269,7 +269,7 @@ class VideoWriter(OutputWriter):
     Args:
       output: a file, a folder of frames, a pattern such as `frame_%04d.png`, or None for stdout.
       size: width and height of the frames [pixels].
-      count: expected number of frames; if it is not known yet, set it before `publish`.
+      count: expected number of frames; if it is not known yet, set it before `finish`.
       tags: title and comment, embedded where the format can hold them.
 
     Raises:

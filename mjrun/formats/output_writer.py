@@ -1,8 +1,8 @@
 """Outputs that appear whole, or not: their destinations and their writers.
 
 After any failure, kill or full disk the target is the old output or the new one, never a mixture. An output is written
-next to its final place under a temporary name, and renamed when it is complete. Older files are kept until all outputs
-of the pass are published.
+next to its final place under a temporary name, and renamed when it is complete. Older files are kept until all files
+of one `PublishingTransaction` are in place.
 """
 
 import contextlib
