@@ -29,7 +29,7 @@ from mjrun.outputs.video import Video
 from mjrun.platform.cores import available_cores
 from mjrun.rendering.backend import WorkingBackend
 from mjrun.rendering.classic import ClassicRenderer, SingleSampleFramebuffer
-from mjrun.rendering.compositor import FrameLayout, SceneCompositor, TextAndLivePlots
+from mjrun.rendering.compositor import FrameSpec, SceneCompositor, TextAndLivePlots
 from mjrun.rendering.filament import FilamentRenderer
 from mjrun.reporter import PythonApiReporter
 from mjrun.simulation.simulation import Simulation
@@ -335,7 +335,7 @@ def _sample_between_frames(workload: ReferenceWorkloadTimer, costs: Sequence[Map
         workload.time()
 
 
-def _encoded(path: str, spec: FrameLayout, frames: Sequence[np.ndarray], view: str, clock: Clock) -> float:
+def _encoded(path: str, spec: FrameSpec, frames: Sequence[np.ndarray], view: str, clock: Clock) -> float:
     """Times the encoding of a video, without starting the encoder, per frame [s]."""
     coded = encoding(path, None, None, None, None, "ids" if view == "seg" else "video")
     first, *rest = frames

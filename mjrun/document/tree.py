@@ -340,8 +340,8 @@ def locate_file(tree: Node, resolve: Resolve, error: FileError | ModelNotFoundEr
         if node.mark.line and isinstance(node.value, str):
             text = resolve(node.value)
             if Path(error.file) in (Path(text), Path(text.rpartition(":")[0]), Path(node.value)):
-                return error.locate(f"{node.mark}: {path_text(path)}")
-    return None
+                error.locate(f"{node.mark}: {path_text(path)}")
+                return
 
 
 def meaning(text: str) -> bool | int | float | str | None:

@@ -242,10 +242,8 @@ def points_of(options: EvaluationOptions, task: ModelSource) -> Design:
     if options.repeats != 1:
         raise UsageError(f"{option('repeats')}: use {option('episodes')} to repeat each point")
     if options.sampler in SAMPLES:
-        sampler, others = (
-            f"{option('sampler')} {options.sampler}",
-            [n for n in SAMPLER_DESCRIPTIONS if n not in SAMPLES],
-        )
+        sampler = f"{option('sampler')} {options.sampler}"
+        others = [name for name in SAMPLER_DESCRIPTIONS if name not in SAMPLES]
         raise UsageError(f"{sampler} is for studies, which compute sensitivities\nsamplers: {listing(others)}")
     if not any((options.vary, options.points, options.correlate, options.when, options.where)):
         return Design((), [()])

@@ -453,12 +453,9 @@ class _Run:
         simulation, timestep, idle = self._fit.simulation, self._predictor.timestep, list[tuple[str, str]]()
         parts = self._shooting.cut(self._measurements.segments)
         guesses = [starting.guess(part, timestep) for part in parts]
-        for name, values in (("qpos", simulation.qpos), ("qvel", simulation.qvel)):
-            for key in values:
-                others = {each: numbers for each, numbers in values.items() if each != key}
-                start = state.save(model, replace(simulation.start, **{name: others}).data(model))
-                if np.array_equal(guesses, [starting.guess(part, timestep, start) for part in parts]):
-                    idle.append((name, key))
+        for name, key, without in simulation.start.without_each(model):
+            if np.array_equal(guesses, [starting.guess(part, timestep, without) for part in parts]):
+                idle.append((name, key))
         controls = control_names(model)
         for key in simulation.ctrl:
             names = {name for part in control_slices(model, key) for name in controls[part]}

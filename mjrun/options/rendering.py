@@ -99,7 +99,7 @@ class RendererOptions(BackendOptions):
 
 
 @options
-class DecorationOptions(RendererOptions):
+class DecorationOptions(Options):
     """Decorations: additions to the scene, which only images of colour show."""
 
     section: ClassVar[str] = "View"
@@ -128,7 +128,7 @@ class DecorationOptions(RendererOptions):
 
 
 @options
-class SceneOptions(DecorationOptions):
+class SceneOptions(DecorationOptions, RendererOptions):
     """Cameras, visible objects, and decorations."""
 
     section: ClassVar[str] = "View"
@@ -196,9 +196,8 @@ class SceneOptions(DecorationOptions):
 
 
 def decoration_options(options: SceneOptions) -> list[str]:
-    """Returns the attributes of the decorations that `options` request."""
-    others = {each.name for each in options_of(RendererOptions)}
-    return [e.name for e in options_of(DecorationOptions) if e.name not in others and is_given(options, e.name)]
+    """Returns the names of the decorations that `options` request."""
+    return [each.name for each in options_of(DecorationOptions) if is_given(options, each.name)]
 
 
 @options

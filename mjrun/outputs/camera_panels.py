@@ -18,7 +18,7 @@ from mjrun.rendering.compositor import (
     VIEW_NAMES,
     CameraPanel,
     FrameComposition,
-    FrameLayout,
+    FrameSpec,
     TextAndLivePlots,
     layout_size,
 )
@@ -47,7 +47,7 @@ class VideoOrImageFile:
         """True if a separate file describes its ids."""
         return self.target is not None and [panel.view for panel in self.panels] == ["seg"]
 
-    def frame_spec(self, options: ViewOptions, overlay: TextAndLivePlots, legend: bool = False) -> FrameLayout:
+    def frame_spec(self, options: ViewOptions, overlay: TextAndLivePlots, legend: bool = False) -> FrameSpec:
         """Returns the spec of its frames.
 
         Args:
@@ -56,7 +56,7 @@ class VideoOrImageFile:
         composition = FrameComposition(
             options.layout, options.captions, legend, TextAndLivePlots() if self.exact else overlay
         )
-        return FrameLayout(self.panels, options.size, composition, self.exact)
+        return FrameSpec(self.panels, options.size, composition, self.exact)
 
 
 def camera_names(options: ViewOptions) -> list[str]:

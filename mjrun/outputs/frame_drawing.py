@@ -43,7 +43,7 @@ from mjrun.probe.vocabularies import ModelVocabulary
 from mjrun.rendering.added_geoms import Decoration
 from mjrun.rendering.backend import WorkingBackend, lacks_gpu
 from mjrun.rendering.classic import check_size
-from mjrun.rendering.compositor import FrameCosts, FrameLayout, SceneCompositor, TextAndLivePlots
+from mjrun.rendering.compositor import FrameCosts, FrameSpec, SceneCompositor, TextAndLivePlots
 from mjrun.rendering.compositor_pool import CompositorPool, CompositorProcesses
 from mjrun.rendering.filament import check_segmentation, check_visual, omissions
 from mjrun.rendering.live_plot import LivePlot, aligned, live_plot_size
@@ -355,7 +355,7 @@ def scene_compositor(
     options: ViewOptions,
     model: mujoco.MjModel,
     backend: WorkingBackend,
-    specs: Sequence[FrameLayout],
+    specs: Sequence[FrameSpec],
     poses: Sequence[Sequence[CameraPose]],
     decorations: Sequence[Decoration] = (),
 ) -> SceneCompositor:

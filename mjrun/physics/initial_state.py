@@ -1,13 +1,14 @@
 """The initial state of a simulation: a keyframe, joint positions and velocities, controls, noise; all by name."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import field
+from dataclasses import field, replace
 
 import mujoco
 import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, ModelError, UnknownNameError, UsageError, clean, concerning, option, quoted
+from mjrun.model import state
 from mjrun.model.additions import servos
 from mjrun.model.names import (
     KINDS,
@@ -88,6 +89,13 @@ class InitialState:
             own = mujoco.MjData(model)
             self._reset_to_source(model, own)
             raise _fault(data, own, "the model's own pose" if self.key is None else f"keyframe {quoted(self.key)}")
+
+    def without_each(self, model: mujoco.MjModel) -> Iterator[tuple[str, str, np.ndarray]]:
+        """Yields the state without each of the positions and velocities: its option, its key, and the state."""
+        for name, values in (("qpos", self.qpos), ("qvel", self.qvel)):
+            for key in values:
+                others = {each: numbers for each, numbers in values.items() if each != key}
+                yield name, key, state.save(model, replace(self, **{name: others}).data(model))
 
     def _reset_to_source(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         """Puts `data` into the keyframe, or into the model's own pose."""

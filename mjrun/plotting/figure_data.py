@@ -292,10 +292,10 @@ def _without_repetition(points: CurvePoints) -> CurvePoints:
 
 @dataclass(frozen=True)
 class AxisScale:
-    """An axis for one parameter or metric.
+    """The range of an axis, and whether it is logarithmic or has texts.
 
     Attributes:
-      name: name of the parameter or metric.
+      name: name of the parameter, metric or curves.
       categories: texts, placed at 0, 1, 2, …; empty for numbers.
       whole: whether all values are whole numbers, as seeds and counts are.
     """

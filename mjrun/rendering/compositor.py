@@ -85,8 +85,8 @@ class FrameComposition:
 
 
 @dataclass(frozen=True)
-class FrameLayout:
-    """The layout of the frames of one video: panels in colour, or the numbers of a single panel.
+class FrameSpec:
+    """The form of all frames of one video: panels in colour, or the numbers of a single panel.
 
     Attributes:
       size: width and height of a panel [pixels].
@@ -145,7 +145,7 @@ class SceneCompositor:
     size: tuple[int, int]
     visual: Visual
     names: Sequence[str]
-    specs: Sequence[FrameLayout]
+    specs: Sequence[FrameSpec]
     poses: Sequence[Sequence[CameraPose]]
     segmentation: SegmentationIds | None
     decorations: Sequence[Decoration] = ()
@@ -238,7 +238,7 @@ class SceneCompositor:
             by_camera.append(seen if seen.rgb is None else replace(seen, rgb=np.array(seen.rgb)))
         return by_camera
 
-    def frame(self, spec: FrameLayout, views: Sequence[CameraImages], index: int) -> np.ndarray:
+    def frame(self, spec: FrameSpec, views: Sequence[CameraImages], index: int) -> np.ndarray:
         """Composes the frame that `spec` describes from the view of each camera."""
         if spec.exact:
             (panel,) = spec.panels

@@ -505,12 +505,10 @@ class Simulation(SimulationOptions):
         """Returns remarks on initial positions and velocities that the `first` state of a replayed table replaces."""
         initial = state.save(model, self.start.data(model))
         texts = list[str]()
-        for name, values in (("qpos", self.qpos), ("qvel", self.qvel)):
-            for key in values:
-                others = {each: numbers for each, numbers in values.items() if each != key}
-                changed = initial != state.save(model, replace(self.start, **{name: others}).data(model))
-                if changed.any() and not (initial == first)[changed].any():
-                    texts.append(f"{option(name)} {clean(key)} does nothing: {clean(str(self.replay))} sets it")
+        for name, key, without in self.start.without_each(model):
+            changed = initial != without
+            if changed.any() and not (initial == first)[changed].any():
+                texts.append(f"{option(name)} {clean(key)} does nothing: {clean(str(self.replay))} sets it")
         return texts
 
     def _held_inputs(self, model: mujoco.MjModel, last: int) -> list[str]:

@@ -33,7 +33,7 @@ from mjrun.physics.stepper import Stepper
 from mjrun.probe.episode_columns import OBSERVATION
 from mjrun.probe.select import selected_columns
 from mjrun.rendering.backend import BackendDetector
-from mjrun.rendering.compositor import CameraPanel, FrameComposition, FrameLayout, SceneCompositor
+from mjrun.rendering.compositor import CameraPanel, FrameComposition, FrameSpec, SceneCompositor
 from mjrun.rendering.compositor_pool import CompositorPool, CompositorProcesses
 from mjrun.rendering.drawn_model import drawn_model, place_stage
 from mjrun.simulation import policy_episode as played
@@ -395,7 +395,7 @@ class EpisodeImageRenderer:
             motion.aim_at_motion(iter(states), times, spans)
             poses.append(motion.poses(iter(states), times, times, spans))
         specs = [
-            FrameLayout([CameraPanel(index, "rgb")], options.size, FrameComposition()) for index in range(len(motions))
+            FrameSpec([CameraPanel(index, "rgb")], options.size, FrameComposition()) for index in range(len(motions))
         ]
         compositor = scene_compositor(options, drawn, self._backend, specs, CameraPoseArray(poses))
         for flat in self._flat_frames(compositor, states):

@@ -94,7 +94,8 @@ class PointFileMaker:
             first = self._outputs(0, PointResult(0, "ok", (), 0))
             with scratch_folder() as folder:
                 requests = replace(first, simulation=prepared.first, folder=folder).requests(self.kinds)
-                rehearse(requests) if simulates else preview(requests)
+                check = rehearse if simulates else preview
+                check(requests)
             if simulates and options.contact_sheet is not None:
                 with VideoWriter(options.contact_sheet, encoding(options.contact_sheet), options.size, options.fps):
                     pass  # which shows that it can be written

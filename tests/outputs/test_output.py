@@ -178,7 +178,7 @@ def test_videos_of_one_pass_share_one_group_of_workers(
         return [
             Video(simulation, f"{folder}/a/", size=SIZE, camera="side", jobs=count),
             Video(simulation, f"{folder}/b/", size=(32, 24), view="depth", jobs=1),
-            Video(simulation, f"{folder}/c/", size=SIZE, camera=event, text="{frame}", jobs=count),
+            Video(simulation, f"{folder}/c/", size=SIZE, camera=event, trail=["ball"], text="{frame}", jobs=count),
         ]
 
     results = perform(videos(tmp_path / "together", jobs))

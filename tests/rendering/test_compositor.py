@@ -21,7 +21,7 @@ from mjrun.rendering.colormaps import colors_of, colour_bar, depth_colors, seg_c
 from mjrun.rendering.compositor import (
     CameraPanel,
     FrameComposition,
-    FrameLayout,
+    FrameSpec,
     SceneCompositor,
     TextAndLivePlots,
     compose_panels,
@@ -48,7 +48,7 @@ class Swing:
             self.instants.append(data)
         self.states = [save(self.model, data) for data in self.instants]
 
-    def compositor(self, *specs: FrameLayout, **changes: object) -> SceneCompositor:
+    def compositor(self, *specs: FrameSpec, **changes: object) -> SceneCompositor:
         motions = [BoundCameraScript(parse_camera(name, self.model), self.model, SIZE) for name in CAMERAS]
         poses = [[motion.pose(state) for motion in motions] for state in self.states]
         compositor = SceneCompositor(
@@ -69,8 +69,8 @@ def scene(swing: Path, backend: WorkingBackend) -> Swing:
     return Swing(swing, backend)
 
 
-def spec(*panels: CameraPanel, exact: bool = False, **style: object) -> FrameLayout:
-    return FrameLayout(panels, SIZE, FrameComposition(**style), exact)  # type: ignore[arg-type]
+def spec(*panels: CameraPanel, exact: bool = False, **style: object) -> FrameSpec:
+    return FrameSpec(panels, SIZE, FrameComposition(**style), exact)  # type: ignore[arg-type]
 
 
 # --- sizes ------------------------------------------------------------------------------------------
@@ -170,7 +170,7 @@ def test_looking_ahead_finds_a_range_of_depth_that_holds_what_each_camera_sees(s
     ],
 )
 def test_captions_name_the_camera_and_the_view_where_there_are_several(
-    scene: Swing, specs: list[FrameLayout], captions: list[str]
+    scene: Swing, specs: list[FrameSpec], captions: list[str]
 ) -> None:
     compositor = scene.compositor(*specs)
     assert [compositor.caption(panel) for panel in specs[0].panels] == captions
@@ -227,7 +227,7 @@ def test_plots_are_drawn_under_the_frame_at_its_time(scene: Swing) -> None:
 
 def test_a_legend_names_what_is_in_view_and_leaves_the_rest_as_it_is(scene: Swing) -> None:
     large = (320, 240)
-    specs = [FrameLayout([SEG], large, FrameComposition(legend=legend)) for legend in (False, True)]
+    specs = [FrameSpec([SEG], large, FrameComposition(legend=legend)) for legend in (False, True)]
     compositor = scene.compositor(*specs, size=large)
     plain, keyed = scene.frames(compositor)
     compositor.close()
